@@ -1,0 +1,2 @@
+//! The `fixtrail` binary.
+fn main() {}

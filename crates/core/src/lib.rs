@@ -1,0 +1,9 @@
+//! The maths of Fixtrail: motion models, sensors and estimators for targets seen through a lossy network.
+//!
+//! `no_std`, no heap, `f64`. Nothing here knows of files, clocks, networks or logs: time is an argument, storage is
+//! lent by the caller, and a lost packet is an empty slice of rows.
+#![no_std]
+
+mod types;
+
+pub use types::{Belief, Matrix, Row, StepError, Transition, Vector};

@@ -1,0 +1,1 @@
+//! Truth, channels and metrics.

@@ -1,0 +1,38 @@
+//! The one interface of every estimator once its dimensions are erased.
+
+use crate::error::StepError;
+use crate::fix::Sink;
+use crate::layout::Layout;
+use crate::packet::Packet;
+
+/// Everything the filter may believe about one instant: its packets in canonical order, none when all were lost.
+#[derive(Clone, Copy, Debug)]
+pub struct Step<'a> {
+    /// Index of the instant within the target, from 0, one more than the step before.
+    pub k: u64,
+    /// The instant in seconds; absent for a lost row of an untimed gap.
+    pub t_s: Option<f64>,
+    /// What arrived.
+    pub packets: &'a [Packet],
+}
+
+/// One target's estimator.
+///
+/// Every implementation guarantees: on `Err` its state is unchanged; fixes come in order of the instant they
+/// describe; equal steps give equal bytes.
+pub trait Tracker: Send {
+    /// Names and order of the state.
+    fn layout(&self) -> &Layout;
+
+    /// Takes one instant and hands on the fixes that it settles.
+    ///
+    /// # Errors
+    /// [`StepError`] when the step cannot be taken; nothing has changed then.
+    fn step(&mut self, step: &Step<'_>, sink: &mut dyn Sink) -> Result<(), StepError>;
+
+    /// Hands on what is still owed after the last instant.
+    ///
+    /// # Errors
+    /// [`StepError`] when a smoother cannot finish.
+    fn finish(&mut self, sink: &mut dyn Sink) -> Result<(), StepError>;
+}

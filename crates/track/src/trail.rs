@@ -1,0 +1,142 @@
+//! A trail held in memory, one value per column and row: what writers, metrics and reports read.
+
+use crate::fix::{Fix, Sink, Status};
+
+/// The smoother's columns of a trail.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LaggedColumns {
+    /// Index of the instant described; `None` before the first.
+    pub k: Vec<Option<u64>>,
+    /// The instant described.
+    pub t_s: Vec<Option<f64>>,
+    /// Means, `n` per row; NaN where there is no estimate.
+    pub mean: Vec<f64>,
+    /// Packed upper triangles, row-major, `n(n+1)/2` per row; NaN where there is no estimate.
+    pub cov: Vec<f64>,
+    /// Status; `None` where there is no lagged instant.
+    pub status: Vec<Option<Status>>,
+}
+
+/// All fixes of one target, in order of time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trail {
+    n: usize,
+    /// Index of each instant.
+    pub k: Vec<u64>,
+    /// Each instant in seconds.
+    pub t_s: Vec<Option<f64>>,
+    /// Means, `n` per row; NaN where the row is unobservable (a storage detail: read through [`Trail::mean`]).
+    mean: Vec<f64>,
+    /// Packed upper triangles, row-major, `n(n+1)/2` per row.
+    cov: Vec<f64>,
+    /// What happened at each instant.
+    pub status: Vec<Status>,
+    /// Normalised innovation squared.
+    pub nis: Vec<Option<f64>>,
+    /// Number of scalar measurements behind each `nis`.
+    pub nis_dof: Vec<u32>,
+    /// The smoother's columns, when both were asked for.
+    pub lagged: Option<LaggedColumns>,
+}
+
+impl Trail {
+    /// An empty trail of an `n`-state model; `with_lagged` keeps the smoother's half of each fix.
+    pub fn new(n: usize, with_lagged: bool) -> Trail {
+        Trail {
+            n,
+            k: Vec::new(),
+            t_s: Vec::new(),
+            mean: Vec::new(),
+            cov: Vec::new(),
+            status: Vec::new(),
+            nis: Vec::new(),
+            nis_dof: Vec::new(),
+            lagged: with_lagged.then(LaggedColumns::default),
+        }
+    }
+
+    /// Number of state components.
+    pub fn n(&self) -> usize {
+        self.n
+    }
+
+    /// Number of rows.
+    pub fn len(&self) -> usize {
+        self.k.len()
+    }
+
+    /// Whether there are no rows.
+    pub fn is_empty(&self) -> bool {
+        self.k.is_empty()
+    }
+
+    /// Length of a packed covariance.
+    pub fn packed_len(n: usize) -> usize {
+        n * (n + 1) / 2
+    }
+
+    /// Index of entry (i, j), `i ≤ j`, in a packed upper triangle of an `n × n` matrix.
+    pub fn packed_index(n: usize, i: usize, j: usize) -> usize {
+        i * (2 * n - i + 1) / 2 + (j - i)
+    }
+
+    /// The mean at `row`, or `None` where the state is unobservable.
+    pub fn mean(&self, row: usize) -> Option<&[f64]> {
+        (self.status[row] != Status::Unobservable).then(|| &self.mean[row * self.n..(row + 1) * self.n])
+    }
+
+    /// The packed covariance (upper triangle, row-major) at `row`, or `None` where the state is unobservable.
+    pub fn cov(&self, row: usize) -> Option<&[f64]> {
+        let m = Self::packed_len(self.n);
+        (self.status[row] != Status::Unobservable).then(|| &self.cov[row * m..(row + 1) * m])
+    }
+
+    /// Entry (i, j) of the covariance at `row`.
+    pub fn cov_at(&self, row: usize, i: usize, j: usize) -> Option<f64> {
+        self.cov(row).map(|c| c[Self::packed_index(self.n, i.min(j), i.max(j))])
+    }
+
+    /// The lagged mean and packed covariance on `row`, where there is one.
+    pub fn lagged(&self, row: usize) -> Option<(&[f64], &[f64])> {
+        let l = self.lagged.as_ref()?;
+        match l.status[row] {
+            None | Some(Status::Unobservable) => None,
+            Some(_) => {
+                let m = Self::packed_len(self.n);
+                Some((&l.mean[row * self.n..(row + 1) * self.n], &l.cov[row * m..(row + 1) * m]))
+            }
+        }
+    }
+}
+
+fn push_estimate(n: usize, mean: &mut Vec<f64>, cov: &mut Vec<f64>, estimate: Option<&crate::fix::Estimate<'_>>) {
+    match estimate {
+        Some(e) => {
+            mean.extend_from_slice(e.mean);
+            for i in 0..n {
+                cov.extend_from_slice(&e.cov[i * n + i..(i + 1) * n]);
+            }
+        }
+        None => {
+            mean.extend(core::iter::repeat_n(f64::NAN, n));
+            cov.extend(core::iter::repeat_n(f64::NAN, Trail::packed_len(n)));
+        }
+    }
+}
+
+impl Sink for Trail {
+    fn fix(&mut self, fix: &Fix<'_>) {
+        self.k.push(fix.k);
+        self.t_s.push(fix.t_s);
+        push_estimate(self.n, &mut self.mean, &mut self.cov, fix.estimate.as_ref());
+        self.status.push(fix.status);
+        self.nis.push(fix.nis);
+        self.nis_dof.push(fix.nis_dof);
+        if let Some(l) = &mut self.lagged {
+            l.k.push(fix.lagged.map(|g| g.k));
+            l.t_s.push(fix.lagged.and_then(|g| g.t_s));
+            l.status.push(fix.lagged.map(|g| g.status));
+            push_estimate(self.n, &mut l.mean, &mut l.cov, fix.lagged.as_ref().and_then(|g| g.estimate.as_ref()));
+        }
+    }
+}
