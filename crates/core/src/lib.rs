@@ -4,6 +4,11 @@
 //! lent by the caller, and a lost packet is an empty slice of rows.
 #![no_std]
 
+pub mod estimators;
+pub mod linalg;
+pub mod models;
+pub mod sensors;
+pub mod storage;
 mod types;
 
 pub use types::{Belief, Matrix, Row, StepError, Transition, Vector};

@@ -3,7 +3,7 @@
 use crate::error::StepError;
 use crate::fix::Sink;
 use crate::layout::Layout;
-use crate::packet::Packet;
+use crate::packet::{Content, Packet};
 
 /// Everything the filter may believe about one instant: its packets in canonical order, none when all were lost.
 #[derive(Clone, Copy, Debug)]
@@ -14,6 +14,16 @@ pub struct Step<'a> {
     pub t_s: Option<f64>,
     /// What arrived.
     pub packets: &'a [Packet],
+}
+
+impl Step<'_> {
+    /// Whether nothing arrived: no packet, or only packets whose components were all lost.
+    pub fn lost(&self) -> bool {
+        self.packets.iter().all(|p| match &p.content {
+            Content::Linear { z, .. } => z.iter().all(Option::is_none),
+            _ => false,
+        })
+    }
 }
 
 /// One target's estimator.

@@ -1,7 +1,25 @@
 //! The spec: what the user says about model, sensors, link and estimator, checked and typed.
 //!
-//! [`parse`] turns TOML text into a [`Spec`] in which every shape agrees, every covariance is positive semidefinite and
+//! [`parse()`] turns TOML text into a [`Spec`] in which every shape agrees, every covariance is positive semidefinite and
 //! every number is finite; [`registry`](crate::registry) builds trackers from it without further checks of form.
+
+mod estimator;
+mod linear;
+mod matrix;
+mod model;
+mod names;
+mod parse;
+mod sensor;
+mod sequence;
+mod value;
+
+#[cfg(test)]
+mod tests;
+
+pub use estimator::MAX_WINDOW;
+pub use matrix::{MAX_INPUT, MAX_MEASUREMENT, MAX_STATE};
+pub use names::{CHANNELS, ESTIMATORS, LINKS, MODELS, Named, SCHEDULERS, SENSORS};
+pub use parse::parse;
 
 use crate::mat::Mat;
 use crate::packet::Kind;
@@ -24,8 +42,19 @@ pub struct Spec {
     pub anchors: Option<String>,
 }
 
+impl Spec {
+    /// Whether packets of this kind are measurements for the spec's model.
+    pub fn uses(&self, kind: Kind) -> bool {
+        match self.model {
+            ModelSpec::Linear(_) => kind == Kind::Linear,
+            _ => self.sensors.iter().any(|s| s.kind == kind),
+        }
+    }
+}
+
 /// `[model]`.
 #[derive(Clone, Debug, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "there is one per run")]
 pub enum ModelSpec {
     /// `random-walk`, `constant-velocity`, `constant-acceleration`.
     Kinematic(KinematicSpec),

@@ -1,0 +1,206 @@
+//! Kalman filters of linear models.
+
+use crate::input::{measured, path_m};
+use crate::race::{Contender, Settings, Stepper, race};
+use adskalman::{
+    CovarianceUpdateMethod, KalmanFilterNoControl, ObservationModel, StateAndCovariance, TransitionModelLinearNoControl,
+};
+use fixtrail_core::estimators::kalman::{Robust, predict, update};
+use fixtrail_core::models::{Integrators, Linear};
+use fixtrail_core::sensors::{linear, position};
+use fixtrail_core::{Belief, Matrix, Vector};
+use kfilter::kalman::{Kalman, KalmanFilter, KalmanPredict, KalmanUpdate};
+use kfilter::measurement::{LinearMeasurement, Measurement};
+use kfilter::system::LinearNoInputSystem;
+use nalgebra::{Const, DimMin};
+use nalgebra34::{SMatrix as Matrix34, SVector as Vector34};
+
+/// A model, complete.
+struct Problem<const N: usize, const Q: usize> {
+    integrators: Integrators<N>,
+    dt_s: f64,
+    a: Matrix<N, N>,
+    q: Matrix<N, N>,
+    c: Matrix<Q, N>,
+    var_m2: f64,
+    prior: Belief<N>,
+}
+
+impl<const N: usize, const Q: usize> Problem<N, Q> {
+    /// The first `Q` components of a chain of integrators, measured every `dt_s` seconds.
+    fn new(integrators: Integrators<N>, dt_s: f64, sd_m: f64) -> Self {
+        let leap = integrators.leap(&Vector::zeros(), dt_s);
+        let prior = Belief { mean: Vector::zeros(), cov: Matrix::identity() * 25.0 };
+        Problem { integrators, dt_s, a: leap.f, q: leap.q, c: Matrix::identity(), var_m2: sd_m * sd_m, prior }
+    }
+}
+
+/// Fixtrail, matrices given once.
+struct Given<'a, const N: usize, const Q: usize> {
+    motion: Linear<N>,
+    c: [Vector<N>; Q],
+    problem: &'a Problem<N, Q>,
+    belief: Belief<N>,
+}
+
+impl<const N: usize, const Q: usize> Stepper<N, Q> for Given<'_, N, Q> {
+    fn step(&mut self, z: &[f64; Q]) -> [f64; N] {
+        let prior = predict(&self.belief, &self.motion.leap(&self.belief.mean, &Vector::zeros()));
+        let rows = std::array::from_fn::<_, Q, _>(|i| linear(&self.c[i], &prior.mean, z[i], self.problem.var_m2));
+        (self.belief, _) = update(&prior, &rows, Robust::None).expect("a sound model and finite data");
+        self.belief.mean.into()
+    }
+}
+
+/// Fixtrail, discretised anew each step, as irregular sampling needs.
+struct Leaping<'a, const N: usize, const Q: usize> {
+    problem: &'a Problem<N, Q>,
+    belief: Belief<N>,
+}
+
+impl<const N: usize, const Q: usize> Stepper<N, Q> for Leaping<'_, N, Q> {
+    fn step(&mut self, z: &[f64; Q]) -> [f64; N] {
+        let prior = predict(&self.belief, &self.problem.integrators.leap(&self.belief.mean, self.problem.dt_s));
+        let rows = std::array::from_fn::<_, Q, _>(|i| position(&prior.mean, i, z[i], self.problem.var_m2));
+        (self.belief, _) = update(&prior, &rows, Robust::None).expect("a sound model and finite data");
+        self.belief.mean.into()
+    }
+}
+
+struct Kfilter<const N: usize, const Q: usize> {
+    filter: Kalman<f64, N, 0, LinearNoInputSystem<f64, N>>,
+    measurement: LinearMeasurement<f64, N, Q>,
+}
+
+impl<const N: usize, const Q: usize> Kfilter<N, Q> {
+    fn new(p: &Problem<N, Q>) -> Self {
+        let noise = Matrix34::<f64, Q, Q>::identity() * p.var_m2;
+        Kfilter {
+            filter: Kalman::new(
+                Matrix34::from_column_slice(p.a.as_slice()),
+                Matrix34::from_column_slice(p.q.as_slice()),
+                Vector34::from_column_slice(p.prior.mean.as_slice()),
+                Matrix34::from_column_slice(p.prior.cov.as_slice()),
+            ),
+            measurement: LinearMeasurement::new(Matrix34::from_column_slice(p.c.as_slice()), noise, Vector34::zeros()),
+        }
+    }
+}
+
+impl<const N: usize, const Q: usize> Stepper<N, Q> for Kfilter<N, Q> {
+    fn step(&mut self, z: &[f64; Q]) -> [f64; N] {
+        self.filter.predict().expect("a sound model");
+        self.measurement.set_measurement((*z).into());
+        self.filter.update(&self.measurement).expect("an invertible innovation covariance");
+        (*self.filter.state()).into()
+    }
+}
+
+struct Adskalman<const N: usize, const Q: usize> {
+    model: Transposed<N, Q>,
+    method: CovarianceUpdateMethod,
+    state: StateAndCovariance<f64, Const<N>>,
+}
+
+/// A model as adskalman wants it: each matrix with its transpose.
+struct Transposed<const N: usize, const Q: usize> {
+    f: Matrix<N, N>,
+    ft: Matrix<N, N>,
+    q: Matrix<N, N>,
+    h: Matrix<Q, N>,
+    ht: Matrix<N, Q>,
+    r: Matrix<Q, Q>,
+}
+
+#[allow(non_snake_case)] // the trait's names
+impl<const N: usize, const Q: usize> TransitionModelLinearNoControl<f64, Const<N>> for Transposed<N, Q> {
+    fn F(&self) -> &Matrix<N, N> {
+        &self.f
+    }
+    fn FT(&self) -> &Matrix<N, N> {
+        &self.ft
+    }
+    fn Q(&self) -> &Matrix<N, N> {
+        &self.q
+    }
+}
+
+#[allow(non_snake_case)] // the trait's names
+impl<const N: usize, const Q: usize> ObservationModel<f64, Const<N>, Const<Q>> for Transposed<N, Q>
+where
+    Const<Q>: DimMin<Const<Q>, Output = Const<Q>>,
+{
+    fn H(&self) -> &Matrix<Q, N> {
+        &self.h
+    }
+    fn HT(&self) -> &Matrix<N, Q> {
+        &self.ht
+    }
+    fn R(&self) -> &Matrix<Q, Q> {
+        &self.r
+    }
+}
+
+impl<const N: usize, const Q: usize> Adskalman<N, Q> {
+    fn new(p: &Problem<N, Q>, method: CovarianceUpdateMethod) -> Self {
+        let r = Matrix::identity() * p.var_m2;
+        let model = Transposed { f: p.a, ft: p.a.transpose(), q: p.q, h: p.c, ht: p.c.transpose(), r };
+        Adskalman { model, method, state: StateAndCovariance::new(p.prior.mean, p.prior.cov) }
+    }
+}
+
+impl<const N: usize, const Q: usize> Stepper<N, Q> for Adskalman<N, Q>
+where
+    Const<Q>: DimMin<Const<Q>, Output = Const<Q>>,
+{
+    fn step(&mut self, z: &[f64; Q]) -> [f64; N] {
+        let filter = KalmanFilterNoControl::<f64, Const<N>, Const<Q>>::new(&self.model, &self.model);
+        self.state = filter
+            .step_with_options(&self.state, &Vector::<Q>::from(*z), self.method)
+            .expect("a positive definite innovation covariance");
+        (*self.state.state()).into()
+    }
+}
+
+fn compare<const N: usize, const Q: usize>(
+    title: &str,
+    p: &Problem<N, Q>,
+    z: &[[f64; Q]],
+    settings: &Settings,
+) -> Result<(), String>
+where
+    Const<Q>: DimMin<Const<Q>, Output = Const<Q>>,
+{
+    let given = || Given {
+        motion: Linear { a: p.a, q: p.q },
+        c: std::array::from_fn(|i| p.c.row(i).transpose()),
+        problem: p,
+        belief: p.prior,
+    };
+    let contenders = [
+        Contender::stepping("fixtrail", z, given),
+        Contender::stepping("fixtrail, discretising each step", z, || Leaping { problem: p, belief: p.prior }),
+        Contender::stepping("kfilter 0.5", z, || Kfilter::new(p)),
+        Contender::stepping("adskalman 0.18, Joseph form", z, || Adskalman::new(p, CovarianceUpdateMethod::JosephForm)),
+        Contender::stepping("adskalman 0.18, short form", z, || {
+            Adskalman::new(p, CovarianceUpdateMethod::OptimalKalmanForcedSymmetric)
+        }),
+    ];
+    race(title, N, settings, &contenders)
+}
+
+/// Constant acceleration on one axis every 2 s, position measured.
+pub fn constant_acceleration(settings: &Settings) -> Result<(), String> {
+    let integrators = Integrators::<3>::new(3, 1, [0.01, 0.0, 0.0]).map_err(|e| e.to_string())?;
+    let problem = Problem::new(integrators, 2.0, 0.05);
+    let z = measured(settings.steps, settings.seed, 0.05, |k| [path_m(k as f64 * 2.0 / 300.0)[0]]);
+    compare("kalman, constant acceleration, n=3 q=1", &problem, &z, settings)
+}
+
+/// Constant velocity in the plane every second, both coordinates measured.
+pub fn constant_velocity(settings: &Settings) -> Result<(), String> {
+    let integrators = Integrators::<4>::new(2, 2, [0.1, 0.1, 0.0]).map_err(|e| e.to_string())?;
+    let problem = Problem::new(integrators, 1.0, 0.5);
+    let z = measured(settings.steps, settings.seed, 0.5, |k| path_m(k as f64 / 300.0));
+    compare("kalman, constant velocity, n=4 q=2", &problem, &z, settings)
+}

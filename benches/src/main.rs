@@ -1,0 +1,59 @@
+//! Times Fixtrail beside its peers: same input, same estimates, one process, rounds in turn.
+//!
+//! ```text
+//! cargo run --release -p fixtrail-bench -- [--steps N] [--rounds N] [--seed N]
+//! ```
+//!
+//! Times vary from run to run; the ratios of one run are what counts.
+
+mod fms;
+mod input;
+mod kalman;
+mod race;
+mod turn;
+
+use race::Settings;
+use std::process::ExitCode;
+
+const USAGE: &str = "usage: fixtrail-bench [--steps N] [--rounds N] [--seed N]";
+
+fn main() -> ExitCode {
+    let settings = match settings(std::env::args().skip(1)) {
+        Ok(settings) => settings,
+        Err(message) => {
+            eprintln!("{message}\n{USAGE}");
+            return ExitCode::from(2);
+        }
+    };
+    println!(
+        "{} steps a series, median of {} rounds in turn, seed {}; times with their quartiles, ratios to the first line",
+        settings.steps, settings.rounds, settings.seed
+    );
+    let workloads = [kalman::constant_acceleration, kalman::constant_velocity, turn::range_only, fms::paper];
+    for workload in workloads {
+        if let Err(message) = workload(&settings) {
+            eprintln!("{message}");
+            return ExitCode::FAILURE;
+        }
+    }
+    ExitCode::SUCCESS
+}
+
+fn settings(mut args: impl Iterator<Item = String>) -> Result<Settings, String> {
+    let mut settings = Settings { steps: 20_000, rounds: 31, seed: 1 };
+    while let Some(name) = args.next() {
+        let value = args.next().ok_or_else(|| format!("`{name}` has no value, expected a number"))?;
+        let number = value
+            .parse::<u32>()
+            .ok()
+            .filter(|n| *n > 0)
+            .ok_or_else(|| format!("`{name}` is `{value}`, expected a whole number above 0"))?;
+        match name.as_str() {
+            "--steps" => settings.steps = number as usize,
+            "--rounds" => settings.rounds = number as usize,
+            "--seed" => settings.seed = u64::from(number),
+            _ => return Err(format!("there is no option `{name}`")),
+        }
+    }
+    Ok(settings)
+}

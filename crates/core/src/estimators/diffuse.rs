@@ -1,0 +1,238 @@
+//! Exact diffuse filtering: a Kalman filter whose first state is unknown altogether.
+//!
+//! The state is `x = a + X s + error`, where `s` is the unknown first state and the error has covariance `P` given `s`
+//! (de Jong's augmented filter, exact where a "large" prior covariance is only approximate):
+//!
+//! ```text
+//! start   a = 0, X = I, P = 0
+//! row     f = hᵀPh + r,  e = z − hᵀa,  E = Xᵀh,  k = Ph/f
+//!         (E/√f)ᵀ s = e/√f  joins the least squares for s
+//!         a += k e,  X −= k Eᵀ,  P = (I − k hᵀ) P (I − k hᵀ)ᵀ + k r kᵀ
+//! leap    a = F a + b,  X = F X,  P = F P Fᵀ + Q
+//! result  x̂ = a + X ŝ,  cov = P + X S⁻¹ Xᵀ
+//! ```
+//!
+//! A copy of (a, X) taken at an earlier instant and updated along (a fixed-point smoother) gives the lagged estimate and the joint
+//! covariance. No transition matrix is inverted, so singular F and singular Q need nothing special.
+
+use crate::estimators::kalman::joseph;
+use crate::linalg::{LeastSquares, RANK_TOLERANCE, symmetrised};
+use crate::types::{Belief, Matrix, Row, StepError, Vector};
+
+/// Filter from an unknown first state, with an optional lagged copy.
+#[derive(Clone, Copy, Debug)]
+pub struct Diffuse<const N: usize> {
+    /// Mean for `s = 0`.
+    pub a: Vector<N>,
+    /// How the mean depends on `s`.
+    pub x: Matrix<N, N>,
+    /// Error covariance given `s`.
+    pub p: Matrix<N, N>,
+    /// What the innovations say of `s`.
+    pub info: LeastSquares<N>,
+    /// Rows `h Φ`: the observability matrix of `s`, without noise.
+    seen: LeastSquares<N>,
+    /// Product of the transitions so far.
+    phi: Matrix<N, N>,
+    lag: Option<Lag<N>>,
+}
+
+/// The state at an earlier instant, carried along.
+#[derive(Clone, Copy, Debug)]
+struct Lag<const N: usize> {
+    a: Vector<N>,
+    x: Matrix<N, N>,
+    p: Matrix<N, N>,
+    /// cov(lagged, current) given s.
+    cross: Matrix<N, N>,
+    phi: Matrix<N, N>,
+}
+
+/// Estimates of the newest and of a lagged state from the same data; `None` where the data do not determine them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Joint<const N: usize> {
+    /// The newest state.
+    pub filter: Option<Belief<N>>,
+    /// The lagged state.
+    pub lagged: Option<Belief<N>>,
+    /// cov(newest, lagged); meaningful when both are there.
+    pub cross: Matrix<N, N>,
+}
+
+/// One row as the filter took it.
+#[derive(Clone, Copy, Debug)]
+pub struct Taken<const N: usize> {
+    /// Gradient of the row.
+    pub h: Vector<N>,
+    /// Gain of the newest state.
+    pub gain: Vector<N>,
+    /// Gain of the lagged state; zero before the copy is taken.
+    pub gain_lag: Vector<N>,
+    /// Innovation for `s = 0`.
+    pub e: f64,
+    /// How the innovation depends on `s`: `e(s) = e − eₓᵀ s`.
+    pub e_x: Vector<N>,
+    /// Innovation variance given `s`.
+    pub f: f64,
+}
+
+impl<const N: usize> Taken<N> {
+    /// A placeholder for storage.
+    pub fn zero() -> Self {
+        Self {
+            h: Vector::zeros(),
+            gain: Vector::zeros(),
+            gain_lag: Vector::zeros(),
+            e: 0.0,
+            e_x: Vector::zeros(),
+            f: 1.0,
+        }
+    }
+}
+
+impl<const N: usize> Default for Diffuse<N> {
+    fn default() -> Self {
+        Self::start()
+    }
+}
+
+impl<const N: usize> Diffuse<N> {
+    /// Nothing is known of the first state.
+    pub fn start() -> Self {
+        Self {
+            a: Vector::zeros(),
+            x: Matrix::identity(),
+            p: Matrix::zeros(),
+            info: LeastSquares::new(),
+            seen: LeastSquares::new(),
+            phi: Matrix::identity(),
+            lag: None,
+        }
+    }
+
+    /// Keeps the present state as the lagged one.
+    pub fn mark_lag(&mut self) {
+        self.lag = Some(Lag { a: self.a, x: self.x, p: self.p, cross: self.p, phi: self.phi });
+    }
+
+    /// Takes one row; `row.residual` is the data less the expectation at the point that `a` is relative to.
+    ///
+    /// # Errors
+    /// [`StepError::InnovationVariance`] when `hᵀPh + r` is not a positive number; nothing has changed then.
+    pub fn update(&mut self, row: &Row<N>) -> Result<Taken<N>, StepError> {
+        let ph = self.p * row.h;
+        let f = row.h.dot(&ph) + row.var;
+        if !(f > 0.0 && f.is_finite()) {
+            return Err(StepError::InnovationVariance { var: f });
+        }
+        let e = row.residual - row.h.dot(&self.a);
+        let e_x = self.x.tr_mul(&row.h);
+        let gain = ph / f;
+        let weight = 1.0 / libm::sqrt(f);
+        self.info.add(&(e_x * weight), e * weight);
+        self.seen.add(&(self.phi.tr_mul(&row.h) / libm::sqrt(row.var)), 0.0);
+        self.a += gain * e;
+        self.x -= gain * e_x.transpose();
+        self.p = joseph(&self.p, &row.h, row.var, &gain);
+        let mut gain_lag = Vector::zeros();
+        if let Some(lag) = &mut self.lag {
+            gain_lag = lag.cross * row.h / f;
+            lag.a += gain_lag * e;
+            lag.x -= gain_lag * e_x.transpose();
+            lag.p -= gain_lag * gain_lag.transpose() * f;
+            lag.cross -= gain_lag * ph.transpose();
+        }
+        Ok(Taken { h: row.h, gain, gain_lag, e, e_x, f })
+    }
+
+    /// Moves to the next instant: `x⁺ = F x + offset + noise(q)`.
+    pub fn leap(&mut self, f: &Matrix<N, N>, offset: &Vector<N>, q: &Matrix<N, N>) {
+        self.a = f * self.a + offset;
+        self.x = f * self.x;
+        self.p = symmetrised(&(f * self.p * f.transpose() + q));
+        self.phi = f * self.phi;
+        if let Some(lag) = &mut self.lag {
+            lag.cross *= f.transpose();
+        }
+    }
+
+    /// Whether the rows so far determine the first state (singular-value ratio of the column-scaled observability matrix).
+    pub fn determines_start(&self) -> bool {
+        self.seen.scaled_svd().ratio() >= RANK_TOLERANCE
+    }
+
+    /// Returns the estimates that the data determine.
+    pub fn solve(&self) -> Joint<N> {
+        let svd = self.seen.scaled_svd();
+        if svd.ratio() >= RANK_TOLERANCE {
+            let spread = |a: &Vector<N>, x: &Matrix<N, N>| {
+                let y = self.info.right_solve(x);
+                (a + y * self.info.y, y)
+            };
+            return self.joint(spread, true, true);
+        }
+        // Rank-deficient: a state is determined when it does not feel the directions that no row has seen.
+        let limit = RANK_TOLERANCE * svd.sigma.max();
+        let rank = svd.sigma.iter().filter(|s| **s > limit).count();
+        let inverse_scale = Matrix::<N, N>::from_diagonal(&svd.scale.map(|s| 1.0 / s));
+        let blind = |phi: &Matrix<N, N>| {
+            let reach = phi * inverse_scale;
+            let largest = reach.amax();
+            (0..N).all(|j| svd.sigma[j] > limit || (reach * svd.v.column(j)).amax() <= RANK_TOLERANCE * largest)
+        };
+        let filter_ok = blind(&self.phi);
+        let lag_ok = self.lag.as_ref().is_some_and(|l| blind(&l.phi));
+        let info = self.info.scaled_svd();
+        let spread = |a: &Vector<N>, x: &Matrix<N, N>| {
+            let mut y = Matrix::<N, N>::zeros();
+            let mut mean = *a;
+            let scaled = x * Matrix::<N, N>::from_diagonal(&info.scale.map(|s| 1.0 / s));
+            for (count, j) in largest_first(&info.sigma).into_iter().enumerate() {
+                if count < rank {
+                    let column = scaled * info.v.column(j) / info.sigma[j];
+                    mean += column * (info.u_sigma.column(j).dot(&self.info.y) / info.sigma[j]);
+                    y.set_column(j, &column);
+                }
+            }
+            (mean, y)
+        };
+        self.joint(spread, filter_ok, lag_ok)
+    }
+
+    fn joint(
+        &self,
+        spread: impl Fn(&Vector<N>, &Matrix<N, N>) -> (Vector<N>, Matrix<N, N>),
+        filter_ok: bool,
+        lag_ok: bool,
+    ) -> Joint<N> {
+        let belief = |p: &Matrix<N, N>, mean: Vector<N>, y: &Matrix<N, N>| {
+            let cov = symmetrised(&(p + y * y.transpose()));
+            crate::estimators::kalman::finite(&mean, &cov).ok().map(|()| Belief { mean, cov })
+        };
+        let mut joint = Joint { filter: None, lagged: None, cross: Matrix::zeros() };
+        if !filter_ok && !lag_ok {
+            return joint;
+        }
+        let (mean, y) = spread(&self.a, &self.x);
+        if filter_ok {
+            joint.filter = belief(&self.p, mean, &y);
+        }
+        if let Some(lag) = self.lag.as_ref().filter(|_| lag_ok) {
+            let (mean, y_lag) = spread(&lag.a, &lag.x);
+            joint.lagged = belief(&lag.p, mean, &y_lag);
+            joint.cross = lag.cross.transpose() + y * y_lag.transpose();
+        }
+        joint
+    }
+
+    /// (X of the newest state, X of the lagged state), for gain design.
+    pub(crate) fn responses(&self) -> (Matrix<N, N>, Matrix<N, N>) {
+        (self.x, self.lag.as_ref().map_or_else(Matrix::zeros, |l| l.x))
+    }
+}
+
+fn largest_first<const N: usize>(values: &Vector<N>) -> [usize; N] {
+    let mut order = core::array::from_fn(|i| i);
+    order.sort_unstable_by(|i: &usize, j: &usize| values[*j].total_cmp(&values[*i]));
+    order
+}

@@ -1,0 +1,401 @@
+//! Finite-memory estimates of a time-invariant linear model, the algorithm chosen by what was lost.
+
+use crate::estimators::diffuse::{Diffuse, Joint};
+use crate::estimators::fms::gain::{Column, Gain, Invariant, Shape};
+use crate::estimators::fms::lost::{LostRows, MOST_LOST};
+use crate::estimators::fms::varying::Varying;
+use crate::estimators::fms::{Align, STACKS_FROM};
+use crate::linalg::{cholesky, whiten};
+use crate::storage::Store;
+use crate::types::{Matrix, Row, StepError, Transition, Vector};
+
+/// Most components of a measurement vector.
+pub const MOST_COMPONENTS: usize = 6;
+
+/// Largest number of scalars in a window for which the lost-row correction is prepared: its matrix has the square of it.
+const CORRECTED_UP_TO: usize = 256;
+
+/// A time-invariant linear model as a window needs it.
+#[derive(Clone, Copy, Debug)]
+pub struct Model<'a, const N: usize> {
+    /// A.
+    pub a: &'a Matrix<N, N>,
+    /// `G Q Gᵀ`.
+    pub w: &'a Matrix<N, N>,
+    /// Columns of B.
+    pub b: &'a [Vector<N>],
+    /// Rows of C.
+    pub c: &'a [Vector<N>],
+    /// R, row by row.
+    pub r: &'a [f64],
+}
+
+/// A sliding window over a time-invariant linear model.
+pub struct InvariantWindow<const N: usize, S: Store> {
+    leap: Transition<N>,
+    b: S::Of<Vector<N>>,
+    p_u: usize,
+    c: [Vector<N>; MOST_COMPONENTS],
+    r: [f64; MOST_COMPONENTS * MOST_COMPONENTS],
+    /// Diagonal of R⁻¹: the bound of W's diagonal.
+    precision: [f64; MOST_COMPONENTS],
+    q: usize,
+    shape: Shape,
+    gain: Option<Gain<N, S>>,
+    lost_rows: Option<LostRows<S>>,
+    /// Doubled rings: the window's data lie contiguous, oldest first. A lost component is 0 here and `false` in `got`.
+    z: S::Of<f64>,
+    got: S::Of<bool>,
+    u: S::Of<f64>,
+    scratch: S::Of<f64>,
+    head: usize,
+    len: usize,
+    lost: usize,
+    /// Fallback of long windows; empty while not in use.
+    varying: Option<Varying<N, S>>,
+}
+
+impl<const N: usize, S: Store> InvariantWindow<N, S> {
+    /// Prepares a window: designs the gain and, for windows that are not too long, the lost-row correction.
+    ///
+    /// # Errors
+    /// [`StepError::WindowFull`] when the store has no room for the window's data; [`StepError::InnovationVariance`] when R is not
+    /// positive definite.
+    ///
+    /// # Panics
+    /// When C has more than [`MOST_COMPONENTS`] rows or R is not q × q: the caller's shapes are checked before.
+    pub fn new(model: &Model<'_, N>, shape: Shape) -> Result<Self, StepError> {
+        let (q, m, p_u) = (model.c.len(), shape.window, model.b.len());
+        assert!(q <= MOST_COMPONENTS && model.r.len() == q * q, "C has {q} rows, R has {} entries", model.r.len());
+        let full = StepError::WindowFull { capacity: 0, needed: m };
+        let mut c = [Vector::zeros(); MOST_COMPONENTS];
+        c[..q].copy_from_slice(model.c);
+        let mut r = [0.0; MOST_COMPONENTS * MOST_COMPONENTS];
+        r[..q * q].copy_from_slice(model.r);
+        let mut factor = r;
+        if !cholesky(&mut factor[..q * q], q) {
+            return Err(StepError::InnovationVariance { var: r[0] });
+        }
+        let mut b = S::filled(p_u, Vector::zeros()).ok_or(full)?;
+        b.as_mut()[..p_u].copy_from_slice(model.b);
+        let leap = Transition { next: Vector::zeros(), f: *model.a, q: *model.w };
+        let mut window = Self {
+            leap,
+            b,
+            p_u,
+            c,
+            r,
+            precision: precision(&factor[..q * q], q),
+            q,
+            shape,
+            gain: None,
+            lost_rows: None,
+            z: S::filled(2 * m * q, 0.0).ok_or(full)?,
+            got: S::filled(2 * m * q, false).ok_or(full)?,
+            u: S::filled(2 * m * p_u, 0.0).ok_or(full)?,
+            scratch: S::filled(m * q, 0.0).ok_or(full)?,
+            head: 0,
+            len: 0,
+            lost: 0,
+            varying: if m >= STACKS_FROM { Varying::new(m + 1) } else { None },
+        };
+        let mut white = [Row { h: Vector::zeros(), residual: 0.0, var: 1.0 }; MOST_COMPONENTS];
+        for (row, h) in white.iter_mut().zip(model.c) {
+            row.h = *h;
+        }
+        let mut work = r;
+        if !whiten(&mut white[..q], &mut work[..q * q]) {
+            return Err(StepError::InnovationVariance { var: r[0] });
+        }
+        let mut h = [Vector::zeros(); MOST_COMPONENTS];
+        for (h, row) in h.iter_mut().zip(&white) {
+            *h = row.h;
+        }
+        let invariant = Invariant { leap: &leap, rows: &h[..q], b: model.b };
+        window.gain = Gain::design(&invariant, shape)?;
+        if let Some(gain) = &mut window.gain {
+            unwhiten(gain.z.as_mut(), &factor[..q * q], q, m);
+            if m * q <= CORRECTED_UP_TO {
+                window.lost_rows = LostRows::design(&invariant, m, &factor[..q * q])?;
+            }
+        }
+        Ok(window)
+    }
+
+    /// The gain in use, in raw measurement coordinates, when the full window determines both estimates.
+    pub fn gain(&self) -> Option<&Gain<N, S>> {
+        self.gain.as_ref()
+    }
+
+    /// Number of instants in the window.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Whether the window is empty.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Adds an instant: its measurement, lost components absent (`z` shorter than q: the rest is lost), and the input that acts from it
+    /// to the next (shorter than p_u: the rest is 0). The oldest instant leaves a full window.
+    ///
+    /// # Errors
+    /// [`StepError::WindowFull`] when the store has no room for the fallback of long windows; nothing has changed then.
+    pub fn push(&mut self, z: &[Option<f64>], u: &[f64]) -> Result<(), StepError> {
+        let (m, q) = (self.shape.window, self.q);
+        if let Some(varying) = &mut self.varying
+            && !varying.is_empty()
+        {
+            let newest = self.len - 1;
+            let arrive = Transition { next: self.drive(newest), ..self.leap };
+            let mut rows = [Row { h: Vector::zeros(), residual: 0.0, var: 1.0 }; MOST_COMPONENTS];
+            let count = rows_of(&self.c, &self.r, q, |i| z.get(i).copied().flatten(), &mut rows);
+            let varying = self.varying.as_mut().expect("it was there two lines above");
+            varying.push(&arrive, &mut rows[..count])?;
+            if self.len == m {
+                varying.drop_front(1);
+            }
+        }
+        let slot = if self.len == m {
+            let oldest = self.head;
+            self.lost -= self.got.as_ref()[oldest * q..(oldest + 1) * q].iter().filter(|g| !**g).count();
+            self.head = (self.head + 1) % m;
+            oldest
+        } else {
+            self.len += 1;
+            (self.head + self.len - 1) % m
+        };
+        for i in 0..q {
+            let value = z.get(i).copied().flatten();
+            self.lost += usize::from(value.is_none());
+            for copy in [slot, slot + m] {
+                self.z.as_mut()[copy * q + i] = value.unwrap_or(0.0);
+                self.got.as_mut()[copy * q + i] = value.is_some();
+            }
+        }
+        for i in 0..self.p_u {
+            for copy in [slot, slot + m] {
+                self.u.as_mut()[copy * self.p_u + i] = u.get(i).copied().unwrap_or(0.0);
+            }
+        }
+        Ok(())
+    }
+
+    /// Returns filter and smoother for the instant the shape asks for: the newest, or with [`Align::Predicted`] the one after it.
+    ///
+    /// # Errors
+    /// As the pass over the window.
+    pub fn estimate(&mut self) -> Result<Joint<N>, StepError> {
+        if self.len == self.shape.window
+            && let Some(joint) = self.filtered_by_gain()
+        {
+            if let Some(varying) = &mut self.varying {
+                varying.clear();
+            }
+            return Ok(joint);
+        }
+        if self.len >= STACKS_FROM && self.varying.is_some() {
+            return self.aggregated();
+        }
+        self.passed()
+    }
+
+    /// Rows of instant `i` (the oldest is 0), whitened, linearised at 0. Returns how many there are.
+    pub fn rows(&self, i: usize, out: &mut [Row<N>; MOST_COMPONENTS]) -> usize {
+        let at = (self.head + i) * self.q;
+        let (z, got) = (self.z.as_ref(), self.got.as_ref());
+        rows_of(&self.c, &self.r, self.q, |j| got[at + j].then(|| z[at + j]), out)
+    }
+
+    fn data(&self) -> &[f64] {
+        &self.z.as_ref()[self.head * self.q..(self.head + self.len) * self.q]
+    }
+
+    fn inputs(&self) -> &[f64] {
+        let leaps = self.shape.leaps().min(self.len);
+        &self.u.as_ref()[self.head * self.p_u..(self.head + leaps) * self.p_u]
+    }
+
+    /// `B u` of instant `i`.
+    fn drive(&self, i: usize) -> Vector<N> {
+        let at = (self.head + i) * self.p_u;
+        let mut sum = Vector::zeros();
+        for (b, u) in self.b.as_ref().iter().zip(&self.u.as_ref()[at..at + self.p_u]) {
+            sum += b * *u;
+        }
+        sum
+    }
+
+    /// The estimate by the full-window gain; `None` when too much is lost for it.
+    fn filtered_by_gain(&mut self) -> Option<Joint<N>> {
+        if self.lost > 0 {
+            return self.corrected();
+        }
+        let gain = self.gain.as_ref()?;
+        Some(shifted(&gain.joint, &gain.apply(self.data(), self.inputs())))
+    }
+
+    /// The estimate by the full-window gain with the lost rows filled in.
+    fn corrected(&mut self) -> Option<Joint<N>> {
+        let (gain, lost_rows) = (self.gain.as_ref()?, self.lost_rows.as_ref()?);
+        if self.lost > MOST_LOST || self.lost * 3 > self.shape.window * self.q {
+            return None;
+        }
+        let q = self.q;
+        let mut lost = [0; MOST_LOST];
+        let mut count = 0;
+        let data = &self.z.as_ref()[self.head * q..(self.head + self.len) * q];
+        let got = &self.got.as_ref()[self.head * q..(self.head + self.len) * q];
+        self.scratch.as_mut()[..data.len()].copy_from_slice(data);
+        for (i, _) in got.iter().enumerate().filter(|(_, got)| !**got) {
+            lost[count] = i;
+            count += 1;
+        }
+        // What the known inputs alone would have done.
+        let mut ends = (Vector::<N>::zeros(), Vector::<N>::zeros());
+        if self.p_u > 0 {
+            let mut p = Vector::<N>::zeros();
+            for i in 0..=self.shape.leaps() {
+                if i > 0 {
+                    p = self.leap.f * p + self.drive(i - 1);
+                }
+                if self.shape.lagged() == Some(i) {
+                    ends.1 = p;
+                }
+                if i < self.len {
+                    for j in (0..q).filter(|j| got[i * q + j]) {
+                        self.scratch.as_mut()[i * q + j] -= self.c[j].dot(&p);
+                    }
+                }
+            }
+            ends.0 = p;
+        }
+        let z = &self.scratch.as_ref()[..data.len()];
+        let (moved, joint) = lost_rows.correct(gain, z, &lost[..count], |row| self.precision[row % q])?;
+        let base = gain.apply(z, &[]);
+        Some(shifted(&joint, &(base.0 + moved.0 + ends.0, base.1 + moved.1 + ends.1)))
+    }
+
+    fn aggregated(&mut self) -> Result<Joint<N>, StepError> {
+        let mut rows = [Row { h: Vector::zeros(), residual: 0.0, var: 1.0 }; MOST_COMPONENTS];
+        let Some(mut varying) = self.varying.take() else { return self.passed() };
+        let outcome = (|| {
+            if varying.is_empty() {
+                for i in 0..self.len {
+                    let next = if i > 0 { self.drive(i - 1) } else { Vector::zeros() };
+                    let count = self.rows(i, &mut rows);
+                    varying.push(&Transition { next, ..self.leap }, &mut rows[..count])?;
+                }
+            }
+            match self.shape.align {
+                Align::Filtered => varying.filtered(self.shape.lag),
+                Align::Predicted => {
+                    let leap = Transition { next: self.drive(self.len - 1), ..self.leap };
+                    varying.predicted(self.shape.lag, &leap)
+                }
+            }
+        })();
+        self.varying = Some(varying);
+        outcome
+    }
+
+    /// The estimate by one exact-diffuse pass over the window.
+    fn passed(&self) -> Result<Joint<N>, StepError> {
+        let mut rows = [Row { h: Vector::zeros(), residual: 0.0, var: 1.0 }; MOST_COMPONENTS];
+        let leaps = match self.shape.align {
+            Align::Filtered => self.len.saturating_sub(1),
+            Align::Predicted => self.len,
+        };
+        let lagged = leaps.checked_sub(self.shape.lag);
+        let mut pass = Diffuse::start();
+        for i in 0..=leaps {
+            if i > 0 {
+                pass.leap(&self.leap.f, &self.drive(i - 1), &self.leap.q);
+            }
+            if lagged == Some(i) {
+                pass.mark_lag();
+            }
+            if i < self.len {
+                let count = self.rows(i, &mut rows);
+                for row in &rows[..count] {
+                    pass.update(row)?;
+                }
+            }
+        }
+        Ok(pass.solve())
+    }
+}
+
+/// The joint covariance with means added.
+fn shifted<const N: usize>(joint: &Joint<N>, means: &Column<N>) -> Joint<N> {
+    let mut out = *joint;
+    for (belief, mean) in [(&mut out.filter, means.0), (&mut out.lagged, means.1)] {
+        if let Some(belief) = belief {
+            belief.mean = mean;
+        }
+    }
+    out
+}
+
+/// Whitened rows of the components that arrived; correlated components are whitened together.
+fn rows_of<const N: usize>(
+    c: &[Vector<N>],
+    r: &[f64],
+    q: usize,
+    value: impl Fn(usize) -> Option<f64>,
+    out: &mut [Row<N>; MOST_COMPONENTS],
+) -> usize {
+    let mut index = [0; MOST_COMPONENTS];
+    let mut count = 0;
+    for i in 0..q {
+        if let Some(z) = value(i) {
+            out[count] = Row { h: c[i], residual: z, var: r[i * q + i] };
+            index[count] = i;
+            count += 1;
+        }
+    }
+    let mut block = [0.0; MOST_COMPONENTS * MOST_COMPONENTS];
+    for i in 0..count {
+        for j in 0..count {
+            block[i * count + j] = r[index[i] * q + index[j]];
+        }
+    }
+    // A principal block of a positive definite R is positive definite: `new` has checked R.
+    let whitened = whiten(&mut out[..count], &mut block[..count * count]);
+    debug_assert!(whitened);
+    count
+}
+
+/// Turns gain columns of whitened components into columns of raw ones: `K_raw = K L⁻¹` per instant.
+fn unwhiten<const N: usize>(columns: &mut [Column<N>], l: &[f64], q: usize, window: usize) {
+    for block in 0..window {
+        let columns = &mut columns[block * q..(block + 1) * q];
+        for i in (0..q).rev() {
+            let (mut g, mut g_lag) = columns[i];
+            for k in i + 1..q {
+                g -= columns[k].0 * l[k * q + i];
+                g_lag -= columns[k].1 * l[k * q + i];
+            }
+            let d = 1.0 / l[i * q + i];
+            columns[i] = (g * d, g_lag * d);
+        }
+    }
+}
+
+/// Diagonal of R⁻¹ from R's factor.
+fn precision(l: &[f64], q: usize) -> [f64; MOST_COMPONENTS] {
+    let mut out = [0.0; MOST_COMPONENTS];
+    for (j, p) in out.iter_mut().enumerate().take(q) {
+        let mut x = [0.0; MOST_COMPONENTS];
+        for i in j..q {
+            let mut sum = if i == j { 1.0 } else { 0.0 };
+            for k in j..i {
+                sum -= l[i * q + k] * x[k];
+            }
+            x[i] = sum / l[i * q + i];
+            *p += x[i] * x[i];
+        }
+    }
+    out
+}

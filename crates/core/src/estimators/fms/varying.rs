@@ -1,0 +1,177 @@
+//! Finite-memory estimates when anything varies from step to step: irregular time, lost rows, time-varying matrices.
+//!
+//! Short windows are passed over at each step by the exact-diffuse filter; windows of [`STACKS_FROM`] instants and more are
+//! aggregated in two queues, split at the lagged instant. Where the stacks cannot decide (ill-conditioned or unobservable), the pass
+//! does: both give the same answer.
+
+use crate::estimators::diffuse::{Diffuse, Joint};
+use crate::estimators::fms::STACKS_FROM;
+use crate::estimators::fms::element::Element;
+use crate::estimators::fms::stacks::Stacks;
+use crate::estimators::fms::window::{Node, Window};
+use crate::storage::Store;
+use crate::types::{Row, StepError, Transition};
+
+/// A window over a time-varying linear model.
+pub struct Varying<const N: usize, S: Store> {
+    window: Window<N, S>,
+    queues: Option<Queues<N, S>>,
+}
+
+/// Elements of the nodes before the lagged instant, and from it on. The newest node is in neither: its leap is not known yet.
+struct Queues<const N: usize, S: Store> {
+    early: Stacks<N, S>,
+    late: Stacks<N, S>,
+    valid: bool,
+}
+
+impl<const N: usize, S: Store> Varying<N, S> {
+    /// An empty window that expects about `capacity` instants, or `None` when the store has no room for them.
+    pub fn new(capacity: usize) -> Option<Self> {
+        let queues = if capacity >= STACKS_FROM {
+            match (Stacks::new(capacity), Stacks::new(capacity)) {
+                (Some(early), Some(late)) => Some(Queues { early, late, valid: true }),
+                _ => None,
+            }
+        } else {
+            None
+        };
+        Some(Self { window: Window::new(capacity)?, queues })
+    }
+
+    /// Number of instants in the window.
+    pub fn len(&self) -> usize {
+        self.window.len()
+    }
+
+    /// Whether the window is empty.
+    pub fn is_empty(&self) -> bool {
+        self.window.is_empty()
+    }
+
+    /// Adds an instant: the transition that led to it and its rows, linearised at 0. `rows` is overwritten when there are more than N.
+    ///
+    /// # Errors
+    /// [`StepError::WindowFull`] when the store has no more room; nothing has changed then.
+    pub fn push(&mut self, arrive: &Transition<N>, rows: &mut [Row<N>]) -> Result<(), StepError> {
+        let len = self.window.len();
+        let complete = (len > 0).then(|| Element::instant(self.window.get(len - 1).rows(), Some(arrive)));
+        self.window.push(Node::new(arrive, rows))?;
+        if let (Some(queues), Some(element)) = (&mut self.queues, complete)
+            && queues.valid
+        {
+            queues.valid = matches!(queues.late.push(element), Ok(Some(())));
+        }
+        Ok(())
+    }
+
+    /// Forgets the `count` oldest instants.
+    pub fn drop_front(&mut self, count: usize) {
+        self.window.drop_front(count);
+        if let Some(queues) = &mut self.queues
+            && queues.valid
+        {
+            for _ in 0..count {
+                let popped = if queues.early.is_empty() { queues.late.pop() } else { queues.early.pop() };
+                queues.valid &= popped.is_some();
+            }
+        }
+    }
+
+    /// Forgets everything.
+    pub fn clear(&mut self) {
+        self.window.drop_front(self.window.len());
+        if let Some(queues) = &mut self.queues {
+            queues.early.clear();
+            queues.late.clear();
+            queues.valid = true;
+        }
+    }
+
+    /// Estimates of the newest instant and of the one `lag` instants before it, from the window. A lag beyond the window has no
+    /// estimate.
+    ///
+    /// # Errors
+    /// [`StepError::InnovationVariance`] as the pass.
+    pub fn filtered(&mut self, lag: usize) -> Result<Joint<N>, StepError> {
+        let split = self.window.len().checked_sub(lag + 1);
+        self.estimate(split, None)
+    }
+
+    /// Estimates of the instant that `leap` leads to and of the one `lag` instants before it, from the window.
+    ///
+    /// # Errors
+    /// [`StepError::InnovationVariance`] as the pass.
+    pub fn predicted(&mut self, lag: usize, leap: &Transition<N>) -> Result<Joint<N>, StepError> {
+        let split = self.window.len().checked_sub(lag);
+        self.estimate(split, Some(leap))
+    }
+
+    fn estimate(&mut self, split: Option<usize>, leap: Option<&Transition<N>>) -> Result<Joint<N>, StepError> {
+        if self.window.len() >= STACKS_FROM
+            && let Some(joint) = self.aggregated(split, leap)
+        {
+            return Ok(joint);
+        }
+        self.passed(split, leap)
+    }
+
+    /// The estimate by one exact-diffuse pass over the window.
+    fn passed(&self, split: Option<usize>, leap: Option<&Transition<N>>) -> Result<Joint<N>, StepError> {
+        let mut pass = Diffuse::start();
+        for i in 0..self.window.len() {
+            let node = self.window.get(i);
+            if i > 0 {
+                pass.leap(&node.arrive.f, &node.arrive.next, &node.arrive.q);
+            }
+            if split == Some(i) {
+                pass.mark_lag();
+            }
+            for row in node.rows() {
+                pass.update(row)?;
+            }
+        }
+        if let Some(leap) = leap {
+            pass.leap(&leap.f, &leap.next, &leap.q);
+            if split == Some(self.window.len()) {
+                pass.mark_lag();
+            }
+        }
+        Ok(pass.solve())
+    }
+
+    /// The estimate from the queues; `None` where they cannot decide.
+    fn aggregated(&mut self, split: Option<usize>, leap: Option<&Transition<N>>) -> Option<Joint<N>> {
+        let len = self.window.len();
+        let queues = self.queues.as_mut()?;
+        let complete = len - 1;
+        let wanted = split.unwrap_or(0).min(complete);
+        if !queues.valid || queues.early.len() > wanted || queues.early.len() + queues.late.len() != complete {
+            queues.early.clear();
+            queues.late.clear();
+            queues.valid = false;
+            for i in 0..complete {
+                let element = Element::instant(self.window.get(i).rows(), Some(&self.window.get(i + 1).arrive));
+                queues.late.push(element).ok()??;
+            }
+            queues.valid = true;
+        }
+        while queues.early.len() < wanted {
+            let i = queues.early.len();
+            let element = Element::instant(self.window.get(i).rows(), Some(&self.window.get(i + 1).arrive));
+            queues.valid = false;
+            queues.early.push(element).ok()??;
+            queues.late.pop()?;
+            queues.valid = true;
+        }
+        let newest = Element::instant(self.window.get(len - 1).rows(), leap);
+        let late = queues.late.all()?.combine(&newest)?;
+        let early = queues.early.all()?;
+        let mut joint =
+            if split == Some(len) { early.combine(&late)?.joint(&Element::identity())? } else { early.joint(&late)? };
+        if split.is_none() {
+            joint.lagged = None;
+        }
+        Some(joint)
+    }
+}

@@ -1,0 +1,199 @@
+//! The recursive filter that every Kalman-family tracker shares: start, prediction and update, and a record of how each instant was
+//! linearised for smoothers to go back over.
+
+use crate::error::StepError;
+use crate::fix::Status;
+use crate::model::Model;
+use crate::search::Search;
+use crate::tracker::Step;
+use fixtrail_core::estimators::diffuse::Diffuse;
+use fixtrail_core::estimators::kalman::{self, Evidence};
+use fixtrail_core::estimators::smoother::Arrive;
+use fixtrail_core::{Belief, Row, Vector};
+
+/// Where the filter stands after an instant.
+#[derive(Clone, Copy, Debug)]
+pub struct Outcome<const N: usize> {
+    /// x̂_{k|k}; `None` while the data do not determine it.
+    pub belief: Option<Belief<N>>,
+    /// What happened.
+    pub status: Status,
+    /// Normalised innovation squared, where there was a prediction.
+    pub nis: Option<f64>,
+    /// Scalar measurements behind it.
+    pub nis_dof: u32,
+}
+
+/// One instant as it was linearised: what a smoother goes back over.
+#[derive(Clone, Debug)]
+pub struct Linearised<const N: usize> {
+    /// The point that state and rows are relative to.
+    pub nominal: Vector<N>,
+    /// How the deviation from the nominal came here; `None` on the first instant.
+    pub arrive: Option<Arrive<N>>,
+    /// Rows at `nominal` that were used.
+    pub rows: Vec<Row<N>>,
+    /// Whether the instant left a nonlinear start before the state was determined: there is no estimate of it.
+    pub forgotten: bool,
+}
+
+enum State<const N: usize> {
+    /// Nothing has arrived.
+    New,
+    /// Linear, without a prior: exact diffuse recursion.
+    Diffuse(Box<Diffuse<N>>),
+    /// Nonlinear, without a prior: Gauss–Newton over a growing window.
+    Searching(Box<Search<N>>),
+    /// The state is known.
+    Running(Belief<N>),
+}
+
+/// The instant before.
+#[derive(Clone, Copy)]
+struct Past<const N: usize> {
+    k: u64,
+    t_s: Option<f64>,
+    drive: Vector<N>,
+    nominal: Vector<N>,
+}
+
+/// Filter of one target.
+pub struct Filter<const N: usize> {
+    /// What it filters by.
+    pub model: Model<N>,
+    state: State<N>,
+    past: Option<Past<N>>,
+    rows: Vec<Row<N>>,
+}
+
+impl<const N: usize> Filter<N> {
+    /// A filter before its first instant.
+    pub fn new(model: Model<N>) -> Self {
+        Self { model, state: State::New, past: None, rows: Vec::new() }
+    }
+
+    /// Takes one instant. Appends to `record`, when a smoother asks for it, every instant whose linearisation is now settled, in order.
+    ///
+    /// # Errors
+    /// [`StepError`]; nothing has changed then.
+    pub fn step(&mut self, step: &Step<'_>, record: Option<&mut Vec<Linearised<N>>>) -> Result<Outcome<N>, StepError> {
+        if matches!(self.state, State::New) && self.model.prior.is_none() && self.model.nonlinear {
+            self.state = State::Searching(Box::new(Search::new()?));
+        }
+        match &mut self.state {
+            State::Searching(search) => {
+                let dt_s = self.past.map_or(0.0, |p| interval(p.t_s, step.t_s));
+                let found = search.step(&self.model, step, dt_s, record)?;
+                let nominal = search.newest();
+                if let Some(belief) = found {
+                    self.state = State::Running(belief);
+                }
+                self.remember(step, nominal);
+                Ok(started(found, step))
+            }
+            State::Running(_) => self.run(step, record),
+            State::New if self.model.prior.is_some() => self.run(step, record),
+            State::New | State::Diffuse(_) => self.start(step, record),
+        }
+    }
+
+    /// Appends the instants whose linearisation was still open when the data ended: there is no estimate of them.
+    pub fn finish(&mut self, record: &mut Vec<Linearised<N>>) {
+        if let State::Searching(search) = &mut self.state {
+            search.give_up(record);
+        }
+    }
+
+    fn remember(&mut self, step: &Step<'_>, nominal: Vector<N>) {
+        self.past = Some(Past { k: step.k, t_s: step.t_s, drive: self.model.drive(step), nominal });
+    }
+
+    /// One step of a filter that knows the state, or has a prior for its first instant.
+    fn run(&mut self, step: &Step<'_>, record: Option<&mut Vec<Linearised<N>>>) -> Result<Outcome<N>, StepError> {
+        let mut arrive = None;
+        let prior = match (&self.state, self.past) {
+            (State::Running(belief), Some(past)) => {
+                let dt_s = interval(past.t_s, step.t_s);
+                let leap = self.model.motion.leap(past.k, dt_s, &past.drive, &belief.mean);
+                // f(x̂) + F (x̄ − x̂) − x̄⁺ with x̄⁺ = f(x̂).
+                arrive = Some(Arrive { f: leap.f, offset: leap.f * (past.nominal - belief.mean), q: leap.q });
+                kalman::predict(belief, &leap)
+            }
+            (State::Running(belief), None) => *belief,
+            _ => self.model.prior.ok_or_else(|| StepError::Misfit("a filter without a prior".to_owned()))?,
+        };
+        self.rows.clear();
+        self.model.sensing.rows(step, &prior.mean, &mut self.rows);
+        let mut used = Vec::new();
+        let keep = record.is_some();
+        let (belief, evidence) = kalman::update_noting(&prior, &self.rows, self.model.robust, |i| {
+            if keep {
+                used.push(self.rows[i]);
+            }
+        })
+        .map_err(StepError::Core)?;
+        if let Some(record) = record {
+            record.push(Linearised { nominal: prior.mean, arrive, rows: used, forgotten: false });
+        }
+        self.state = State::Running(belief);
+        self.remember(step, prior.mean);
+        Ok(judged(belief, &evidence))
+    }
+
+    /// One step of a linear filter that does not know the state yet.
+    fn start(&mut self, step: &Step<'_>, record: Option<&mut Vec<Linearised<N>>>) -> Result<Outcome<N>, StepError> {
+        let zero = Vector::zeros();
+        let mut pass = match &self.state {
+            State::Diffuse(pass) => **pass,
+            _ => Diffuse::start(),
+        };
+        let mut arrive = None;
+        if let Some(past) = self.past {
+            let leap = self.model.motion.leap(past.k, interval(past.t_s, step.t_s), &past.drive, &zero);
+            pass.leap(&leap.f, &leap.next, &leap.q);
+            arrive = Some(Arrive { f: leap.f, offset: leap.next, q: leap.q });
+        }
+        self.rows.clear();
+        self.model.sensing.rows(step, &zero, &mut self.rows);
+        for row in &self.rows {
+            pass.update(row).map_err(StepError::Core)?;
+        }
+        let found = pass.solve().filter;
+        if let Some(record) = record {
+            record.push(Linearised { nominal: zero, arrive, rows: self.rows.clone(), forgotten: false });
+        }
+        self.state = match found {
+            Some(belief) => State::Running(belief),
+            None => State::Diffuse(Box::new(pass)),
+        };
+        self.remember(step, zero);
+        Ok(started(found, step))
+    }
+}
+
+/// Seconds between two instants; 0 where a linear run has no times.
+pub(crate) fn interval(from_s: Option<f64>, to_s: Option<f64>) -> f64 {
+    match (from_s, to_s) {
+        (Some(a), Some(b)) => b - a,
+        _ => 0.0,
+    }
+}
+
+fn started<const N: usize>(found: Option<Belief<N>>, step: &Step<'_>) -> Outcome<N> {
+    let status = match found {
+        None => Status::Unobservable,
+        Some(_) if step.lost() => Status::Predicted,
+        Some(_) => Status::Updated,
+    };
+    Outcome { belief: found, status, nis: None, nis_dof: 0 }
+}
+
+fn judged<const N: usize>(belief: Belief<N>, evidence: &Evidence) -> Outcome<N> {
+    let status = match evidence {
+        Evidence { dof: 0, .. } => Status::Predicted,
+        Evidence { dof, rejected, .. } if dof == rejected => Status::Rejected,
+        _ => Status::Updated,
+    };
+    let nis = (evidence.dof > 0).then_some(evidence.nis);
+    Outcome { belief: Some(belief), status, nis, nis_dof: evidence.dof }
+}

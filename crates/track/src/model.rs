@@ -1,0 +1,245 @@
+//! A spec's model and sensors at their dimension: what linearises motion and measurements for every tracker.
+
+use crate::anchors::Anchors;
+use crate::layout::Layout;
+use crate::packet::{Content, Kind};
+use crate::spec::{LinearStep, Robust, SensorSpec};
+use crate::tracker::Step;
+use fixtrail_core::linalg::whiten;
+use fixtrail_core::models::{CoordinatedTurn, Integrators};
+use fixtrail_core::{Belief, Matrix, Row, Transition, Vector, sensors};
+
+/// How a target moves.
+pub trait Motion<const N: usize>: Send + Sync {
+    /// The motion from instant `k` to the next, `dt_s` later, linearised at `x`; `drive` is the known input's push `B u`.
+    fn leap(&self, k: u64, dt_s: f64, drive: &Vector<N>, x: &Vector<N>) -> Transition<N>;
+
+    /// `B u` at instant `k`.
+    fn drive(&self, _k: u64, _u: &[f64]) -> Vector<N> {
+        Vector::zeros()
+    }
+}
+
+/// How a target is measured.
+pub trait Sensing<const N: usize>: Send + Sync {
+    /// Appends the rows of one instant's packets, linearised at `x`. Packets of kinds without a sensor add nothing.
+    fn rows(&self, step: &Step<'_>, x: &Vector<N>, out: &mut Vec<Row<N>>);
+}
+
+/// Everything a tracker needs to know of a spec, at its dimension.
+pub struct Model<const N: usize> {
+    /// Names of the state.
+    pub layout: Layout,
+    /// How the target moves.
+    pub motion: Box<dyn Motion<N>>,
+    /// How it is measured.
+    pub sensing: Box<dyn Sensing<N>>,
+    /// Prior of the first instant; none: the start is unknown.
+    pub prior: Option<Belief<N>>,
+    /// Whether motion or a sensor is nonlinear.
+    pub nonlinear: bool,
+    /// What an update does with a row that does not fit.
+    pub robust: fixtrail_core::estimators::kalman::Robust,
+    /// Position around which an unknown start is searched when the model is nonlinear.
+    pub centre_m: [f64; 3],
+}
+
+impl<const N: usize> Model<N> {
+    /// `B u` of the inputs on an instant's packets.
+    pub fn drive(&self, step: &Step<'_>) -> Vector<N> {
+        for packet in step.packets {
+            if let Content::Linear { u, .. } = &packet.content {
+                return self.motion.drive(step.k, u);
+            }
+        }
+        Vector::zeros()
+    }
+}
+
+impl<const N: usize> Motion<N> for Integrators<N> {
+    fn leap(&self, _k: u64, dt_s: f64, _drive: &Vector<N>, x: &Vector<N>) -> Transition<N> {
+        Integrators::leap(self, x, dt_s)
+    }
+}
+
+impl Motion<5> for CoordinatedTurn {
+    fn leap(&self, _k: u64, dt_s: f64, _drive: &Vector<5>, x: &Vector<5>) -> Transition<5> {
+        CoordinatedTurn::leap(self, x, dt_s)
+    }
+}
+
+/// The matrices of a linear model, one set per step or one for all.
+pub struct LinearModel<const N: usize> {
+    steps: Vec<LinearMatrices<N>>,
+}
+
+/// One step's matrices.
+struct LinearMatrices<const N: usize> {
+    a: Matrix<N, N>,
+    /// `G Q Gᵀ`.
+    w: Matrix<N, N>,
+    b: Vec<Vector<N>>,
+    c: Vec<Vector<N>>,
+    r: Vec<f64>,
+}
+
+/// `rows × N` of a spec as vectors, one per row.
+pub(crate) fn row_vectors<const N: usize>(m: &crate::mat::Mat) -> Vec<Vector<N>> {
+    (0..m.rows).map(|i| Vector::from_fn(|j, _| m.at(i, j))).collect()
+}
+
+/// `N × cols` of a spec as vectors, one per column.
+pub(crate) fn column_vectors<const N: usize>(m: &crate::mat::Mat) -> Vec<Vector<N>> {
+    (0..m.cols).map(|j| Vector::from_fn(|i, _| m.at(i, j))).collect()
+}
+
+/// An `N × N` matrix of a spec.
+pub(crate) fn square<const N: usize>(m: &crate::mat::Mat) -> Matrix<N, N> {
+    Matrix::from_fn(|i, j| m.at(i, j))
+}
+
+/// `G Q Gᵀ`.
+pub(crate) fn process_noise<const N: usize>(step: &LinearStep) -> Matrix<N, N> {
+    let g: Vec<Vector<N>> = column_vectors(&step.g);
+    let mut w = Matrix::zeros();
+    for (i, gi) in g.iter().enumerate() {
+        for (j, gj) in g.iter().enumerate() {
+            w += gi * gj.transpose() * step.q.at(i, j);
+        }
+    }
+    fixtrail_core::linalg::symmetrised(&w)
+}
+
+impl<const N: usize> LinearModel<N> {
+    /// The model of the given steps; the last one stays in force.
+    ///
+    /// # Panics
+    /// When there is no step, or one is not of dimension N: a spec is checked before.
+    pub fn new(steps: &[LinearStep]) -> Self {
+        assert!(!steps.is_empty(), "a linear model without a step");
+        Self {
+            steps: steps
+                .iter()
+                .map(|s| LinearMatrices {
+                    a: square(&s.a),
+                    w: process_noise(s),
+                    b: column_vectors(&s.b),
+                    c: row_vectors(&s.c),
+                    r: s.r.data.clone(),
+                })
+                .collect(),
+        }
+    }
+
+    fn at(&self, k: u64) -> &LinearMatrices<N> {
+        let last = self.steps.len() - 1;
+        &self.steps[usize::try_from(k).map_or(last, |k| k.min(last))]
+    }
+}
+
+impl<const N: usize> Motion<N> for LinearModel<N> {
+    fn leap(&self, k: u64, _dt_s: f64, drive: &Vector<N>, x: &Vector<N>) -> Transition<N> {
+        let step = self.at(k);
+        Transition { next: step.a * x + drive, f: step.a, q: step.w }
+    }
+
+    fn drive(&self, k: u64, u: &[f64]) -> Vector<N> {
+        self.at(k).b.iter().zip(u).fold(Vector::zeros(), |sum, (b, u)| sum + b * *u)
+    }
+}
+
+impl<const N: usize> Sensing<N> for LinearModel<N> {
+    fn rows(&self, step: &Step<'_>, x: &Vector<N>, out: &mut Vec<Row<N>>) {
+        let matrices = self.at(step.k);
+        let q = matrices.c.len();
+        for packet in step.packets {
+            let Content::Linear { z, .. } = &packet.content else { continue };
+            let first = out.len();
+            let got = |i: usize| z.get(i).copied().flatten();
+            for (i, c) in matrices.c.iter().enumerate() {
+                if let Some(z) = got(i) {
+                    out.push(sensors::linear(c, x, z, matrices.r[i * q + i]));
+                }
+            }
+            let mut block = [0.0; crate::spec::MAX_MEASUREMENT * crate::spec::MAX_MEASUREMENT];
+            let mut entries = block.iter_mut();
+            for i in (0..q).filter(|i| got(*i).is_some()) {
+                for j in (0..q).filter(|j| got(*j).is_some()) {
+                    if let Some(entry) = entries.next() {
+                        *entry = matrices.r[i * q + j];
+                    }
+                }
+            }
+            // A principal block of a positive definite R is positive definite; the spec has checked R.
+            let whitened = whiten(&mut out[first..], &mut block);
+            debug_assert!(whitened);
+        }
+    }
+}
+
+/// Position and range sensors of a kinematic model.
+pub struct Radios {
+    axes: usize,
+    sensors: Vec<Radio>,
+}
+
+struct Radio {
+    kind: Kind,
+    sd: f64,
+    height_m: Option<f64>,
+    /// Position and bias of each anchor, by id.
+    anchors: Vec<([f64; 3], f64)>,
+}
+
+impl Radios {
+    /// The spec's sensors on the first `axes` components of the state.
+    pub fn new(axes: usize, sensors: &[SensorSpec], anchors: &Anchors) -> Self {
+        let radio = |s: &SensorSpec| Radio {
+            kind: s.kind,
+            sd: s.sd,
+            height_m: s.height_m,
+            anchors: (0..anchors.len() as u32)
+                .map(|id| (anchors.position_m(id), s.bias.get(anchors.name(id)).copied().unwrap_or(0.0)))
+                .collect(),
+        };
+        Self { axes, sensors: sensors.iter().map(radio).collect() }
+    }
+}
+
+impl<const N: usize> Sensing<N> for Radios {
+    fn rows(&self, step: &Step<'_>, x: &Vector<N>, out: &mut Vec<Row<N>>) {
+        for packet in step.packets {
+            let kind = packet.content.kind();
+            let Some(radio) = self.sensors.iter().find(|s| s.kind == kind) else { continue };
+            let sd = packet.sd.unwrap_or(radio.sd);
+            let var = sd * sd;
+            match &packet.content {
+                Content::Position(xyz) => {
+                    for (axis, value) in xyz.iter().enumerate().take(self.axes) {
+                        if let Some(value_m) = value {
+                            out.push(sensors::position(x, axis, *value_m, var));
+                        }
+                    }
+                }
+                Content::Range { anchor, value_m } => {
+                    let (at, bias) = radio.anchors[*anchor as usize];
+                    out.push(sensors::range(x, self.axes, at, radio.height_m, value_m - bias, var));
+                }
+                Content::Rssi { .. } | Content::Tdoa { .. } | Content::Bearing { .. } | Content::Linear { .. } => {}
+            }
+        }
+    }
+}
+
+/// The gate of a spec's sensors; the tightest when several differ.
+pub(crate) fn robust(sensors: &[SensorSpec]) -> fixtrail_core::estimators::kalman::Robust {
+    use fixtrail_core::estimators::kalman::Robust as Core;
+    let gates = sensors.iter().filter_map(|s| match s.robust {
+        Robust::Gate(limit) => Some(limit),
+        Robust::None => None,
+    });
+    match gates.reduce(f64::min) {
+        Some(limit) => Core::Gate(limit),
+        None => Core::None,
+    }
+}

@@ -1,0 +1,191 @@
+//! Names become types: one tracker per target from a checked spec.
+
+use crate::anchors::Anchors;
+use crate::dims::with_size;
+use crate::error::{BuildError, StepError};
+use crate::layout::Layout;
+use crate::mat::Mat;
+use crate::model::{
+    LinearModel, Model, Motion, Radios, Sensing, column_vectors, process_noise, robust, row_vectors, square,
+};
+use crate::packet::Kind;
+use crate::spec::{Align, EstimatorSpec, LinearSpec, ModelSpec, Prior, Span, Spec};
+use crate::tracker::Tracker;
+use crate::trackers::LaggedMode;
+use crate::trackers::fixed_lag::FixedLag;
+use crate::trackers::fms::{Fms, FmsSpec, Window};
+use crate::trackers::fms_newton::FmsNewton;
+use crate::trackers::kalman::Kalman;
+use crate::trackers::rts::Rts;
+use crate::trackers::ufir::Ufir;
+use fixtrail_core::Belief;
+use fixtrail_core::estimators::fms::gain::Shape;
+use fixtrail_core::estimators::fms::invariant::{self, InvariantWindow};
+use fixtrail_core::models::{CoordinatedTurn, Integrators};
+
+/// What the caller wants of a tracker besides the spec.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct BuildOptions {
+    /// Filter, smoother or both.
+    pub lagged: LaggedMode,
+}
+
+/// Names and order of the state that a spec's model has.
+pub fn layout(spec: &Spec) -> Layout {
+    match &spec.model {
+        ModelSpec::Kinematic(k) => Layout::kinematic(k.order, k.axes, &[]),
+        ModelSpec::Turn(_) => Layout::kinematic(2, 2, &["omega"]),
+        ModelSpec::Linear(l) => Layout::linear(l.base.a.rows),
+    }
+}
+
+/// Builds the tracker of one target.
+///
+/// # Errors
+/// [`BuildError`] when the numbers of the spec, all well-formed, still do not make an estimator: a bias of an unknown anchor, a
+/// gain that cannot be designed.
+pub fn build(spec: &Spec, anchors: &Anchors, options: &BuildOptions) -> Result<Box<dyn Tracker>, BuildError> {
+    for sensor in &spec.sensors {
+        if let Some(name) = sensor.bias.keys().find(|name| anchors.id(name).is_none()) {
+            let known = anchors.names().join(", ");
+            let what = format!("names an anchor that is not in the anchors table, expected one of {known}");
+            return Err(BuildError::new("spec", None, Some(&format!("sensor.bias.{name}")), what));
+        }
+    }
+    match &spec.model {
+        ModelSpec::Turn(turn) => {
+            let motion = CoordinatedTurn::new(turn.noise, turn.turn_noise).map_err(|e| fail(e.to_string()))?;
+            assemble(spec, anchors, options, Box::new(motion), turn.prior.as_ref(), true)
+        }
+        _ => {
+            let n = layout(spec).n();
+            let limit = crate::spec::MAX_STATE;
+            with_size!(n, N => build_sized::<N>(spec, anchors, options), Err(fail(format!("has {n} states, expected at most {limit}"))))
+        }
+    }
+}
+
+fn build_sized<const N: usize>(
+    spec: &Spec,
+    anchors: &Anchors,
+    options: &BuildOptions,
+) -> Result<Box<dyn Tracker>, BuildError> {
+    match &spec.model {
+        ModelSpec::Kinematic(k) => {
+            let mut psd = [0.0; 3];
+            for (p, noise) in psd.iter_mut().zip(&k.noise) {
+                *p = *noise;
+            }
+            let motion = Integrators::<N>::new(k.order, k.axes, psd).map_err(|e| fail(e.to_string()))?;
+            assemble(spec, anchors, options, Box::new(motion), k.prior.as_ref(), false)
+        }
+        ModelSpec::Linear(l) => {
+            let steps = if l.sequence.is_empty() { std::slice::from_ref(&l.base) } else { &l.sequence[..] };
+            let model = Model {
+                layout: layout(spec),
+                motion: Box::new(LinearModel::<N>::new(steps)),
+                sensing: Box::new(LinearModel::<N>::new(steps)),
+                prior: l.prior.as_ref().map(belief),
+                nonlinear: false,
+                robust: fixtrail_core::estimators::kalman::Robust::None,
+                centre_m: [0.0; 3],
+            };
+            estimator(spec, options, model)
+        }
+        ModelSpec::Turn(_) => Err(fail("is a coordinated turn of another dimension".to_owned())),
+    }
+}
+
+/// A kinematic model with its sensors.
+fn assemble<const N: usize>(
+    spec: &Spec,
+    anchors: &Anchors,
+    options: &BuildOptions,
+    motion: Box<dyn Motion<N>>,
+    prior: Option<&Prior>,
+    nonlinear_motion: bool,
+) -> Result<Box<dyn Tracker>, BuildError> {
+    let layout = layout(spec);
+    let sensing: Box<dyn Sensing<N>> = Box::new(Radios::new(layout.axes, &spec.sensors, anchors));
+    let nonlinear = nonlinear_motion || spec.sensors.iter().any(|s| s.kind != Kind::Position);
+    let model = Model {
+        layout,
+        motion,
+        sensing,
+        prior: prior.map(belief),
+        nonlinear,
+        robust: robust(&spec.sensors),
+        centre_m: centre(anchors),
+    };
+    estimator(spec, options, model)
+}
+
+/// The registry: one line per estimator.
+fn estimator<const N: usize>(
+    spec: &Spec,
+    options: &BuildOptions,
+    model: Model<N>,
+) -> Result<Box<dyn Tracker>, BuildError> {
+    let mode = options.lagged;
+    let refused = |e: StepError| fail(e.to_string());
+    Ok(match spec.estimator {
+        EstimatorSpec::Kalman | EstimatorSpec::Ekf => Box::new(Kalman::new(model)),
+        EstimatorSpec::Rts => Box::new(Rts::new(model, mode)),
+        EstimatorSpec::FixedLagKalman { lag } => Box::new(FixedLag::new(model, lag, mode)),
+        EstimatorSpec::Ufir { window } => Box::new(Ufir::new(model, window).map_err(refused)?),
+        EstimatorSpec::Fms { window, lag, align } if model.nonlinear => {
+            Box::new(FmsNewton::new(model, FmsSpec { window, lag, align }, mode).map_err(refused)?)
+        }
+        EstimatorSpec::Fms { window, lag, align } => {
+            let shape = FmsSpec { window, lag, align };
+            let held = match (&spec.model, window, lag) {
+                (ModelSpec::Linear(l), Span::Instants(window), Span::Instants(lag)) if l.sequence.is_empty() => {
+                    Window::Invariant(Box::new(invariant(l, window, lag, align).map_err(refused)?))
+                }
+                _ => Fms::varying(window).map_err(refused)?,
+            };
+            Box::new(Fms::new(model, shape, mode, held))
+        }
+    })
+}
+
+/// The window of a time-invariant linear model.
+///
+/// # Errors
+/// [`StepError`] when the gain cannot be designed.
+pub(crate) fn invariant<const N: usize>(
+    spec: &LinearSpec,
+    window: usize,
+    lag: usize,
+    align: Align,
+) -> Result<InvariantWindow<N, crate::heap::Heap>, StepError> {
+    use fixtrail_core::estimators::fms::Align as Core;
+    let step = &spec.base;
+    let align = match align {
+        Align::Filtered => Core::Filtered,
+        Align::Predicted => Core::Predicted,
+    };
+    let (a, w) = (square(&step.a), process_noise(step));
+    let (b, c) = (column_vectors(&step.b), row_vectors(&step.c));
+    let model = invariant::Model { a: &a, w: &w, b: &b, c: &c, r: &step.r.data };
+    InvariantWindow::new(&model, Shape { window, lag, align }).map_err(StepError::Core)
+}
+
+fn belief<const N: usize>(prior: &Prior) -> Belief<N> {
+    let cov: &Mat = &prior.cov;
+    Belief { mean: fixtrail_core::Vector::from_fn(|i, _| prior.mean[i]), cov: square(cov) }
+}
+
+fn centre(anchors: &Anchors) -> [f64; 3] {
+    let mut sum = [0.0; 3];
+    for id in 0..anchors.len() as u32 {
+        for (s, p) in sum.iter_mut().zip(anchors.position_m(id)) {
+            *s += p / anchors.len() as f64;
+        }
+    }
+    sum
+}
+
+fn fail(what: String) -> BuildError {
+    BuildError::new("spec", None, Some("model"), what)
+}

@@ -1,0 +1,92 @@
+//! `[model]`: how targets move.
+
+use super::linear::{self, Sources};
+use super::matrix::{Definite, covariance, shape, vector};
+use super::names::{MODELS, choose};
+use super::value::Table;
+use super::{KinematicSpec, LinearSpec, LinearStep, ModelSpec, Prior, TurnSpec};
+use crate::error::BuildError;
+use crate::mat::Mat;
+
+/// The model in `table`.
+pub(super) fn model(table: &Table<'_>, sources: &mut Sources<'_>) -> Result<ModelSpec, BuildError> {
+    let kind = choose(&table.require("kind", "the name of a model, such as \"constant-velocity\"")?, MODELS, &[])?;
+    let whose = format!("the model `{kind}`");
+    Ok(match kind {
+        "random-walk" => ModelSpec::Kinematic(kinematic(table, &whose, 1)?),
+        "constant-velocity" => ModelSpec::Kinematic(kinematic(table, &whose, 2)?),
+        "constant-acceleration" => ModelSpec::Kinematic(kinematic(table, &whose, 3)?),
+        "coordinated-turn" => ModelSpec::Turn(turn(table, &whose)?),
+        "fms-paper" => ModelSpec::Linear(fms_paper(table, &whose)?),
+        _ => ModelSpec::Linear(linear::linear(table, &whose, sources)?),
+    })
+}
+
+const DENSITY: &str = "a finite power spectral density, at least 0";
+
+fn kinematic(table: &Table<'_>, whose: &str, order: usize) -> Result<KinematicSpec, BuildError> {
+    table.only(whose, &["kind", "axes", "noise", "x0", "P0"], &[])?;
+    let axes = table.get("axes").map_or(Ok(2), |field| field.count(1, 3))?;
+    let noise = noise(table, axes)?;
+    Ok(KinematicSpec { order, axes, noise, prior: prior(table, order * axes)? })
+}
+
+fn turn(table: &Table<'_>, whose: &str) -> Result<TurnSpec, BuildError> {
+    table.only(whose, &["kind", "noise", "turn_noise", "x0", "P0"], &[])?;
+    let noise = noise(table, 2)?;
+    let turn_noise = table.require("turn_noise", DENSITY)?.number(DENSITY, |v| v >= 0.0)?;
+    Ok(TurnSpec { noise: [noise[0], noise[1]], turn_noise, prior: prior(table, 5)? })
+}
+
+/// One density for each of `axes`.
+fn noise(table: &Table<'_>, axes: usize) -> Result<Vec<f64>, BuildError> {
+    let field = table.require("noise", DENSITY)?;
+    let Some(entries) = field.elements() else {
+        return Ok(vec![field.number(DENSITY, |v| v >= 0.0)?; axes]);
+    };
+    if entries.len() != axes {
+        return Err(field.misfit(format!("one number or a list of {axes}, one for each axis")));
+    }
+    entries.iter().map(|entry| entry.number(DENSITY, |v| v >= 0.0)).collect()
+}
+
+/// `x0` and `P0` of a state of `n` components.
+pub(super) fn prior(table: &Table<'_>, n: usize) -> Result<Option<Prior>, BuildError> {
+    let (x0, p0) = match (table.get("x0"), table.get("P0")) {
+        (None, None) => return Ok(None),
+        (Some(x0), Some(p0)) => (x0, p0),
+        (Some(_), None) => return Err(table.missing("P0", "the covariance of `x0` beside it")),
+        (None, Some(_)) => return Err(table.missing("x0", "the mean that `P0` is the covariance of beside it")),
+    };
+    let mean = vector(&x0, n, "one for each state component")?;
+    let cov = covariance(&p0, n, Definite::Semi)?;
+    if cov.rows != n {
+        return Err(p0.error(format!("is {}, expected {n} × {n}, the size of the state", shape(&cov))));
+    }
+    Ok(Some(Prior { mean, cov }))
+}
+
+/// The finite-memory smoother paper's model (16): position, velocity and acceleration sampled every `T` seconds.
+fn fms_paper(table: &Table<'_>, whose: &str) -> Result<LinearSpec, BuildError> {
+    table.only(whose, &["kind", "T", "Q", "R", "x0", "P0"], &[])?;
+    let t = table.get("T").map_or(Ok(2.0), |field| field.number("a positive finite number of seconds", |v| v > 0.0))?;
+    let sized = |key: &str, n: usize, definite: Definite, default: Vec<f64>| match table.get(key) {
+        None => Ok(Mat { rows: n, cols: n, data: default }),
+        Some(field) => match covariance(&field, n, definite)? {
+            m if m.rows == n => Ok(m),
+            m => Err(field.error(format!("is {}, expected {n} × {n}", shape(&m)))),
+        },
+    };
+    let base = LinearStep {
+        a: Mat { rows: 3, cols: 3, data: vec![1.0, t, t * t / 2.0, 0.0, 1.0, t, 0.0, 0.0, 1.0] },
+        b: Mat { rows: 3, cols: 0, data: Vec::new() },
+        g: Mat { rows: 3, cols: 2, data: vec![t / 2.0, 0.0, 1.0, 0.0, 0.0, 1.0] },
+        c: Mat { rows: 1, cols: 3, data: vec![1.0, 0.0, 0.0] },
+        q: sized("Q", 2, Definite::Semi, vec![0.173 * 0.173, 0.0, 0.0, 0.01 * 0.01])?,
+        r: sized("R", 1, Definite::Strictly, vec![0.05 * 0.05])?,
+    };
+    if !base.a.data.iter().all(|v| v.is_finite()) {
+        return Err(table.error("T", format!("is {t:?}, expected a number of seconds whose square is finite")));
+    }
+    Ok(LinearSpec { base, sequence: Vec::new(), prior: prior(table, 3)? })
+}

@@ -1,0 +1,37 @@
+//! `kalman` and `ekf`: x̂_{k|k} at every instant.
+
+use crate::error::StepError;
+use crate::filter::Filter;
+use crate::fix::Sink;
+use crate::layout::Layout;
+use crate::model::Model;
+use crate::tracker::{Step, Tracker};
+use crate::trackers::{Meta, emit};
+
+/// The filter alone.
+pub struct Kalman<const N: usize> {
+    filter: Filter<N>,
+}
+
+impl<const N: usize> Kalman<N> {
+    /// A tracker before its first instant.
+    pub fn new(model: Model<N>) -> Self {
+        Self { filter: Filter::new(model) }
+    }
+}
+
+impl<const N: usize> Tracker for Kalman<N> {
+    fn layout(&self) -> &Layout {
+        &self.filter.model.layout
+    }
+
+    fn step(&mut self, step: &Step<'_>, sink: &mut dyn Sink) -> Result<(), StepError> {
+        let outcome = self.filter.step(step, None)?;
+        emit(sink, &Meta::of(step, &outcome), outcome.belief.as_ref(), None);
+        Ok(())
+    }
+
+    fn finish(&mut self, _sink: &mut dyn Sink) -> Result<(), StepError> {
+        Ok(())
+    }
+}

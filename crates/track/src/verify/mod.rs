@@ -1,0 +1,134 @@
+//! Conformance: runs a file of vectors computed by independent code through the library and compares.
+
+mod fms;
+mod json;
+mod kf;
+
+use crate::error::BuildError;
+use json::Json;
+use std::path::Path;
+
+/// What a file's vectors said.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FileVerdict {
+    /// The file.
+    pub file: String,
+    /// The kind of vectors, as the file names it.
+    pub kind: String,
+    /// One entry per compared quantity.
+    pub quantities: Vec<Quantity>,
+}
+
+impl FileVerdict {
+    /// Whether every quantity is within its tolerance.
+    pub fn passed(&self) -> bool {
+        !self.quantities.is_empty() && self.quantities.iter().all(Quantity::passed)
+    }
+}
+
+/// One compared quantity.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Quantity {
+    /// Its name in the file.
+    pub name: String,
+    /// Worst deviation relative to the scale that the file's tolerance is stated for; infinite where one side has a value and the
+    /// other has none, or one is not a number.
+    pub worst: f64,
+    /// The file's tolerance.
+    pub tolerance: f64,
+    /// Numbers compared.
+    pub compared: usize,
+}
+
+impl Quantity {
+    /// Whether the worst deviation is within the tolerance and anything was compared.
+    pub fn passed(&self) -> bool {
+        self.worst <= self.tolerance && self.compared > 0
+    }
+}
+
+/// Runs the vectors of a file's text.
+///
+/// # Errors
+/// [`BuildError`] when the text is not JSON, is of a kind that this version does not understand, or lacks what its kind needs.
+pub fn verify(text: &str, file: &Path) -> Result<FileVerdict, BuildError> {
+    let value: serde_json::Value = serde_json::from_str(text)
+        .map_err(|e| BuildError::new(file, Some(e.line() as u64), None, format!("is not JSON: {e}")))?;
+    let root = Json::root(file, &value);
+    let named = |key: &str| root.value.get(key).and_then(|v| v.as_str()).map(str::to_owned);
+    let (kind, quantities) = match (named("format"), named("schema"), named("kind")) {
+        (Some(format), _, _) if format == "fms-golden-1" => (format, fms::quantities(&root)?),
+        (_, Some(schema), Some(kind)) if schema == "fosb-golden/1" && kind == "kf2_rts_lag1" => {
+            (format!("{schema} {kind}"), kf::two_state(&root)?)
+        }
+        (_, Some(schema), Some(kind)) if schema == "fosb-golden/1" && kind == "kf4" => {
+            (format!("{schema} {kind}"), kf::four_state(&root)?)
+        }
+        (format, schema, kind) => {
+            let found: Vec<String> = [("format", format), ("schema", schema), ("kind", kind)]
+                .into_iter()
+                .filter_map(|(key, value)| value.map(|v| format!("{key} `{v}`")))
+                .collect();
+            let found = if found.is_empty() { "names no format, schema or kind".to_owned() } else { found.join(", ") };
+            let what = format!(
+                "{found} is not understood, expected format `fms-golden-1`, or schema `fosb-golden/1` of kind `kf2_rts_lag1` or `kf4`"
+            );
+            return Err(BuildError::new(file, None, None, what));
+        }
+    };
+    Ok(FileVerdict { file: file.display().to_string(), kind, quantities })
+}
+
+/// How a deviation is scaled.
+#[derive(Clone, Copy)]
+enum Scale {
+    /// `|a − b| / max(1, |b|)`, each entry by itself.
+    Entry,
+    /// `|a − b| / max |b|` over the array.
+    Array,
+}
+
+/// Collects the worst deviation of one quantity.
+struct Comparison {
+    name: String,
+    scale: Scale,
+    tolerance: f64,
+    pairs: Vec<(f64, f64)>,
+    mismatched: bool,
+}
+
+impl Comparison {
+    fn new(name: &str, scale: Scale, tolerance: f64) -> Self {
+        Self { name: name.to_owned(), scale, tolerance, pairs: Vec::new(), mismatched: false }
+    }
+
+    /// Adds arrays of ours and of the file.
+    fn add(&mut self, ours: &[f64], theirs: &[f64]) {
+        self.mismatched |= ours.len() != theirs.len();
+        self.pairs.extend(ours.iter().copied().zip(theirs.iter().copied()));
+    }
+
+    /// Adds an estimate that may be absent on either side.
+    fn add_optional(&mut self, ours: Option<&[f64]>, theirs: Option<&[f64]>) {
+        match (ours, theirs) {
+            (Some(ours), Some(theirs)) => self.add(ours, theirs),
+            (None, None) => {}
+            _ => self.mismatched = true,
+        }
+    }
+
+    fn done(self) -> Quantity {
+        let largest = self.pairs.iter().fold(0.0_f64, |m, (_, b)| m.max(b.abs()));
+        let mut worst: f64 = if self.mismatched { f64::INFINITY } else { 0.0 };
+        for (ours, theirs) in &self.pairs {
+            let scale = match self.scale {
+                Scale::Entry => theirs.abs().max(1.0),
+                Scale::Array if largest > 0.0 => largest,
+                Scale::Array => 1.0,
+            };
+            let deviation = (ours - theirs).abs() / scale;
+            worst = if deviation.is_nan() { f64::INFINITY } else { worst.max(deviation) };
+        }
+        Quantity { name: self.name, worst, tolerance: self.tolerance, compared: self.pairs.len() }
+    }
+}
