@@ -126,9 +126,9 @@ impl<const N: usize> Filter<N> {
         self.model.sensing.rows(step, &prior.mean, &mut self.rows);
         let mut used = Vec::new();
         let keep = record.is_some();
-        let (belief, evidence) = kalman::update_noting(&prior, &self.rows, self.model.robust, |i| {
+        let (belief, evidence) = kalman::update_noting(&prior, &self.rows, self.model.robust, |innovation| {
             if keep {
-                used.push(self.rows[i]);
+                used.push(self.rows[innovation.row]);
             }
         })
         .map_err(StepError::Core)?;

@@ -129,14 +129,7 @@ impl<const N: usize> Search<N> {
         let found = if enough(model.layout.axes, self.kept.iter()) {
             let cold = cold_start(model, self.kept.iter());
             let mut view = KeptWindow { model, kept: &self.kept, rows: Vec::new() };
-            match self.newton.solve(&mut view, self.kept.len(), None, &cold) {
-                Ok(joint) => joint.filter,
-                Err(e) => {
-                    self.kept.pop_back();
-                    self.newton.clear();
-                    return Err(StepError::Core(e));
-                }
-            }
+            self.newton.solve(&mut view, self.kept.len(), None, &cold).map_err(StepError::Core)?.filter
         } else {
             None
         };

@@ -15,7 +15,7 @@
 //! A copy of (a, X) taken at an earlier instant and updated along (a fixed-point smoother) gives the lagged estimate and the joint
 //! covariance. No transition matrix is inverted, so singular F and singular Q need nothing special.
 
-use crate::estimators::kalman::joseph;
+use crate::estimators::kalman::{joseph, propagate};
 use crate::linalg::{LeastSquares, RANK_TOLERANCE, symmetrised};
 use crate::types::{Belief, Matrix, Row, StepError, Vector};
 
@@ -76,6 +76,13 @@ pub struct Taken<const N: usize> {
     pub f: f64,
 }
 
+impl<const N: usize> Joint<N> {
+    /// Nothing is determined.
+    pub fn none() -> Self {
+        Self { filter: None, lagged: None, cross: Matrix::zeros() }
+    }
+}
+
 impl<const N: usize> Taken<N> {
     /// A placeholder for storage.
     pub fn zero() -> Self {
@@ -133,7 +140,7 @@ impl<const N: usize> Diffuse<N> {
         self.seen.add(&(self.phi.tr_mul(&row.h) / libm::sqrt(row.var)), 0.0);
         self.a += gain * e;
         self.x -= gain * e_x.transpose();
-        self.p = joseph(&self.p, &row.h, row.var, &gain);
+        self.p = joseph(&self.p, &row.h, row.var, &ph, &gain);
         let mut gain_lag = Vector::zeros();
         if let Some(lag) = &mut self.lag {
             gain_lag = lag.cross * row.h / f;
@@ -149,7 +156,7 @@ impl<const N: usize> Diffuse<N> {
     pub fn leap(&mut self, f: &Matrix<N, N>, offset: &Vector<N>, q: &Matrix<N, N>) {
         self.a = f * self.a + offset;
         self.x = f * self.x;
-        self.p = symmetrised(&(f * self.p * f.transpose() + q));
+        self.p = propagate(&self.p, f, q);
         self.phi = f * self.phi;
         if let Some(lag) = &mut self.lag {
             lag.cross *= f.transpose();
@@ -209,7 +216,7 @@ impl<const N: usize> Diffuse<N> {
             let cov = symmetrised(&(p + y * y.transpose()));
             crate::estimators::kalman::finite(&mean, &cov).ok().map(|()| Belief { mean, cov })
         };
-        let mut joint = Joint { filter: None, lagged: None, cross: Matrix::zeros() };
+        let mut joint = Joint::none();
         if !filter_ok && !lag_ok {
             return joint;
         }

@@ -9,7 +9,6 @@
 //! Measurements of one instant are taken one scalar row at a time, all linearised at the prediction; correlated components are
 //! whitened before. The Joseph form keeps the covariance positive semidefinite.
 
-use crate::linalg::symmetrised;
 use crate::types::{Belief, Matrix, Row, StepError, Transition, Vector};
 
 /// What an update does with a row that does not fit.
@@ -30,14 +29,48 @@ pub struct Evidence {
     pub dof: u32,
     /// Rows left out.
     pub rejected: u32,
-    /// Logarithm of the density of the rows used, given everything before.
-    pub log_likelihood: f64,
+}
+
+/// One row's innovation, given the rows before it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Innovation {
+    /// Index of the row.
+    pub row: usize,
+    /// Innovation.
+    pub e: f64,
+    /// Its variance.
+    pub s: f64,
+}
+
+impl Innovation {
+    /// Logarithm of the innovation's normal density; over all rows used they add up to the log-likelihood of the data.
+    pub fn log_density(&self) -> f64 {
+        -0.5 * (self.e * self.e / self.s + libm::log(core::f64::consts::TAU * self.s))
+    }
 }
 
 /// Returns the belief after one interval of motion: `next` is the mean, `F P Fᵀ + Q` the covariance.
+#[inline]
 pub fn predict<const N: usize>(posterior: &Belief<N>, transition: &Transition<N>) -> Belief<N> {
-    let cov = transition.f * posterior.cov * transition.f.transpose() + transition.q;
-    Belief { mean: transition.next, cov: symmetrised(&cov) }
+    Belief { mean: transition.next, cov: propagate(&posterior.cov, &transition.f, &transition.q) }
+}
+
+/// Returns `F P Fᵀ + Q`, symmetric to the bit.
+#[inline]
+pub(crate) fn propagate<const N: usize>(p: &Matrix<N, N>, f: &Matrix<N, N>, q: &Matrix<N, N>) -> Matrix<N, N> {
+    let fp = f * p;
+    let mut out = *q;
+    for j in 0..N {
+        for i in 0..=j {
+            let mut v = 0.5 * (q[(i, j)] + q[(j, i)]);
+            for k in 0..N {
+                v += fp[(i, k)] * f[(j, k)];
+            }
+            out[(i, j)] = v;
+            out[(j, i)] = v;
+        }
+    }
+    out
 }
 
 /// Returns the belief after the rows of one instant, linearised at `prior.mean`, and their evidence.
@@ -45,6 +78,7 @@ pub fn predict<const N: usize>(posterior: &Belief<N>, transition: &Transition<N>
 /// # Errors
 /// [`StepError::InnovationVariance`] when `hᵀP⁻h + r` is not a positive number, [`StepError::NotFinite`] when the result is not
 /// finite.
+#[inline]
 pub fn update<const N: usize>(
     prior: &Belief<N>,
     rows: &[Row<N>],
@@ -53,15 +87,16 @@ pub fn update<const N: usize>(
     update_noting(prior, rows, robust, |_| {})
 }
 
-/// As [`update`]; `used` is told the index of every row that was not left out.
+/// As [`update`]; `used` is told the innovation of every row that was not left out.
 ///
 /// # Errors
 /// As [`update`].
+#[inline]
 pub fn update_noting<const N: usize>(
     prior: &Belief<N>,
     rows: &[Row<N>],
     robust: Robust,
-    mut used: impl FnMut(usize),
+    mut used: impl FnMut(Innovation),
 ) -> Result<(Belief<N>, Evidence), StepError> {
     let mut cov = prior.cov;
     let mut correction = Vector::<N>::zeros();
@@ -73,7 +108,8 @@ pub fn update_noting<const N: usize>(
             return Err(StepError::InnovationVariance { var: s });
         }
         let e = row.residual - row.h.dot(&correction);
-        let fit = e * e / s;
+        let inverse = 1.0 / s;
+        let fit = e * e * inverse;
         evidence.nis += fit;
         evidence.dof += 1;
         if let Robust::Gate(limit) = robust
@@ -82,43 +118,47 @@ pub fn update_noting<const N: usize>(
             evidence.rejected += 1;
             continue;
         }
-        used(i);
-        evidence.log_likelihood -= 0.5 * (fit + libm::log(core::f64::consts::TAU * s));
-        let gain = ph / s;
+        used(Innovation { row: i, e, s });
+        let gain = ph * inverse;
         correction += gain * e;
-        cov = joseph(&cov, &row.h, row.var, &gain);
+        cov = joseph(&cov, &row.h, row.var, &ph, &gain);
     }
     let mean = prior.mean + correction;
     finite(&mean, &cov)?;
     Ok((Belief { mean, cov }, evidence))
 }
 
-/// Returns `(I − k hᵀ) P (I − k hᵀ)ᵀ + k r kᵀ`, symmetric, for the gain `k = P h / (hᵀP h + r)`.
-pub(crate) fn joseph<const N: usize>(p: &Matrix<N, N>, h: &Vector<N>, var: f64, gain: &Vector<N>) -> Matrix<N, N> {
+/// Returns `(I − k hᵀ) P (I − k hᵀ)ᵀ + k r kᵀ`, symmetric to the bit, for `ph = P h` and the gain `k = P h / (hᵀP h + r)`.
+#[inline]
+pub(crate) fn joseph<const N: usize>(
+    p: &Matrix<N, N>,
+    h: &Vector<N>,
+    var: f64,
+    ph: &Vector<N>,
+    gain: &Vector<N>,
+) -> Matrix<N, N> {
     let size = h.norm_squared();
     if size == 0.0 {
         return *p;
     }
-    let left = p - gain * (h.transpose() * p);
-    let lh = left * h;
+    let left_h = ph - gain * h.dot(ph);
     let mut out = *p;
     for j in 0..N {
         for i in 0..=j {
-            // Both orders of the product are averaged: the result is symmetric to the bit.
-            let a = left[(i, j)] - lh[i] * gain[j];
-            let b = left[(j, i)] - lh[j] * gain[i];
-            let v = 0.5 * (a + b) + var * gain[i] * gain[j];
+            let product = gain[i] * (ph[j] + left_h[j]) + gain[j] * (ph[i] + left_h[i]);
+            let v = p[(i, j)] - 0.5 * product + var * gain[i] * gain[j];
             out[(i, j)] = v;
             out[(j, i)] = v;
         }
     }
     // Along h the exact result is known without subtraction, P⁺h = k r: put it there, or a small r would drown in rounding.
-    let mut d = gain * var;
-    d.gemv(-1.0, &out, h, 1.0);
-    let along = h.dot(&d) / (size * size);
+    let inverse = 1.0 / size;
+    let missing = (gain * var - out * h) * inverse;
+    let half = 0.5 * h.dot(&missing) * inverse;
+    let side = missing - h * half;
     for j in 0..N {
         for i in 0..=j {
-            let v = out[(i, j)] + (d[i] * h[j] + h[i] * d[j]) / size - along * (h[i] * h[j]);
+            let v = out[(i, j)] + side[i] * h[j] + h[i] * side[j];
             out[(i, j)] = v;
             out[(j, i)] = v;
         }
@@ -127,6 +167,7 @@ pub(crate) fn joseph<const N: usize>(p: &Matrix<N, N>, h: &Vector<N>, var: f64, 
 }
 
 /// Checks that mean and variances are numbers.
+#[inline]
 pub(crate) fn finite<const N: usize>(mean: &Vector<N>, cov: &Matrix<N, N>) -> Result<(), StepError> {
     for i in 0..N {
         if !(mean[i].is_finite() && cov[(i, i)].is_finite()) {

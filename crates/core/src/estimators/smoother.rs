@@ -15,7 +15,7 @@
 
 use crate::estimators::diffuse::Diffuse;
 use crate::linalg::{LeastSquares, semidefinite_factor, symmetrised};
-use crate::types::{Belief, Matrix, Row, StepError, Vector};
+use crate::types::{Belief, Matrix, Row, Vector};
 
 /// How a deviation came to an instant: `δ⁺ = f δ + offset + noise(q)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,6 +62,7 @@ impl<const N: usize> Instant<N> {
 pub struct Forward<const N: usize> {
     pass: Diffuse<N>,
     diffuse: bool,
+    failed: bool,
 }
 
 impl<const N: usize> Forward<N> {
@@ -73,7 +74,7 @@ impl<const N: usize> Forward<N> {
             pass.p = prior.cov;
             pass.x = Matrix::zeros();
         }
-        Self { pass, diffuse: prior.is_none() }
+        Self { pass, diffuse: prior.is_none(), failed: false }
     }
 
     /// Moves to the next instant and returns what is to be kept of it; without `arrive` it is the first.
@@ -85,16 +86,16 @@ impl<const N: usize> Forward<N> {
         Instant { arrive, a: self.pass.a, x: self.pass.x, p: self.pass.p, rows: 0 }
     }
 
-    /// Takes one row of the present instant.
-    ///
-    /// # Errors
-    /// As [`Diffuse::update`].
-    pub fn update(&mut self, row: &Row<N>) -> Result<(), StepError> {
-        self.pass.update(row).map(|_| ())
+    /// Takes one row of the present instant. Once a covariance leaves the range of numbers, nothing is determined any more.
+    pub fn update(&mut self, row: &Row<N>) {
+        self.failed |= self.pass.update(row).is_err();
     }
 
     /// The unknown first state, solved for; `None` while the data do not determine it.
     pub fn start_state(&self) -> Option<StartState<N>> {
+        if self.failed {
+            return None;
+        }
         if !self.diffuse {
             return Some(StartState { mean: Vector::zeros(), info: None });
         }

@@ -205,3 +205,17 @@ pub enum Robust {
     /// Leaves it out when its squared innovation over its variance exceeds `gate` (default 9).
     Gate(f64),
 }
+
+impl EstimatorSpec {
+    /// The name that specs use.
+    pub fn name(&self) -> &'static str {
+        match self {
+            EstimatorSpec::Kalman => "kalman",
+            EstimatorSpec::Ekf => "ekf",
+            EstimatorSpec::Rts => "rts",
+            EstimatorSpec::FixedLagKalman { .. } => "fixed-lag-kalman",
+            EstimatorSpec::Fms { .. } => "fms",
+            EstimatorSpec::Ufir { .. } => "ufir",
+        }
+    }
+}

@@ -49,7 +49,7 @@ impl<const N: usize> FixedLag<N> {
     }
 
     /// Runs the forward pass over the settled instants.
-    fn advance(&mut self) -> Result<(), StepError> {
+    fn advance(&mut self) {
         for at in self.record.drain(..) {
             let Some(meta) = self.open.pop_front() else { break };
             let mut instant = Instant::zero();
@@ -59,14 +59,13 @@ impl<const N: usize> FixedLag<N> {
                 let forward = self.forward.get_or_insert_with(|| Forward::start(prior.as_ref()));
                 instant = forward.leap(at.arrive.as_ref().filter(|_| !fresh));
                 for row in &at.rows {
-                    forward.update(row).map_err(StepError::Core)?;
+                    forward.update(row);
                 }
             }
             let Linearised { nominal, rows, forgotten, .. } = at;
             let held = Held { meta, nominal, instant, rows, forgotten };
             self.held.push_back(held);
         }
-        Ok(())
     }
 
     /// Smoothed beliefs of the `count` oldest instants held, given everything so far.
@@ -116,7 +115,7 @@ impl<const N: usize> Tracker for FixedLag<N> {
         let outcome = self.filter.step(step, Some(&mut self.record))?;
         let meta = Meta::of(step, &outcome);
         self.open.push_back(meta);
-        self.advance()?;
+        self.advance();
         let due = self.due(step.t_s);
         let smoothed = self.smoothed(due);
         if self.mode == LaggedMode::Both {
@@ -133,7 +132,7 @@ impl<const N: usize> Tracker for FixedLag<N> {
 
     fn finish(&mut self, sink: &mut dyn Sink) -> Result<(), StepError> {
         self.filter.finish(&mut self.record);
-        self.advance()?;
+        self.advance();
         if self.mode != LaggedMode::Both {
             for (held, belief) in self.held.iter().zip(self.smoothed(self.held.len())) {
                 emit_smoothed(sink, &held.meta, belief.as_ref());

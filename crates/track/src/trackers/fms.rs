@@ -10,7 +10,7 @@ use crate::packet::Content;
 use crate::spec::{Align, Span};
 use crate::tracker::{Step, Tracker};
 use crate::trackers::ufir::no_room;
-use crate::trackers::{LaggedMode, Meta, emit, emit_smoothed, outside, room};
+use crate::trackers::{LaggedMode, Meta, emit, emit_smoothed, outside, room, sound, still};
 use fixtrail_core::estimators::diffuse::Joint;
 use fixtrail_core::estimators::fms::invariant::InvariantWindow;
 use fixtrail_core::estimators::fms::posterior_nis;
@@ -149,50 +149,47 @@ impl<const N: usize> Fms<N> {
                 window.push(z, u).map_err(StepError::Core)
             }
             Window::Varying(window) => {
-                let first = Transition { next: Vector::zeros(), f: nalgebra::one(), q: nalgebra::zero() };
                 let mut rows = self.rows.clone();
-                window.push(&arrive.unwrap_or(first), &mut rows).map_err(StepError::Core)
+                window.push(&arrive.unwrap_or(still()), &mut rows).map_err(StepError::Core)
             }
         }
     }
 
-    fn estimate(&mut self, lag: Option<usize>, leap: Option<&Transition<N>>) -> Result<Joint<N>, StepError> {
-        let none = Joint { filter: None, lagged: None, cross: nalgebra::zero() };
+    fn estimate(&mut self, lag: Option<usize>, leap: Option<&Transition<N>>) -> Joint<N> {
         match &mut self.window {
-            Window::Invariant(window) if window.is_empty() => Ok(none),
-            Window::Invariant(window) => window.estimate().map_err(StepError::Core),
+            Window::Invariant(window) if window.is_empty() => Joint::none(),
+            Window::Invariant(window) => window.estimate(),
             Window::Varying(window) => {
                 let lag = lag.unwrap_or(usize::MAX - 1);
                 match (self.spec.align, leap) {
                     (Align::Predicted, Some(leap)) if !window.is_empty() => window.predicted(lag, leap),
                     (Align::Filtered, _) => window.filtered(lag),
-                    (Align::Predicted, _) => Ok(none),
+                    (Align::Predicted, _) => Joint::none(),
                 }
-                .map_err(StepError::Core)
             }
         }
     }
 
     /// Row k from the measurements up to k − 1.
-    fn predict(&mut self, step: &Step<'_>, leap: Option<&Transition<N>>, sink: &mut dyn Sink) -> Result<(), StepError> {
+    fn predict(&mut self, step: &Step<'_>, leap: Option<&Transition<N>>, sink: &mut dyn Sink) {
         let arrived = !step.lost();
         let fed = self.metas.back().is_some_and(|m| m.arrived);
         let status = if fed { Status::Updated } else { Status::Predicted };
         self.metas.push_back(Meta { k: step.k, t_s: step.t_s, status, nis: None, nis_dof: 0, arrived });
         let lag = self.lag();
-        let joint = self.estimate(lag, leap)?;
+        let joint = self.estimate(lag, leap);
         if let (Some(belief), false, Some(meta)) = (&joint.filter, self.rows.is_empty(), self.metas.back_mut()) {
             // The window has not seen these rows: their residuals are innovations of its prediction.
             let mut rows = self.rows.clone();
             for row in &mut rows {
                 row.residual -= row.h.dot(&belief.mean);
             }
-            let (_, evidence) = kalman::update(belief, &rows, Robust::None).map_err(StepError::Core)?;
-            meta.nis = Some(evidence.nis);
-            meta.nis_dof = evidence.dof;
+            if let Ok((_, evidence)) = kalman::update(belief, &rows, Robust::None) {
+                meta.nis = Some(evidence.nis);
+                meta.nis_dof = evidence.dof;
+            }
         }
         self.emit(sink, &joint, lag);
-        Ok(())
     }
 }
 
@@ -205,10 +202,11 @@ impl<const N: usize> Tracker for Fms<N> {
         let arrive = self.leap_to(step.t_s);
         self.rows.clear();
         self.model.sensing.rows(step, &Vector::zeros(), &mut self.rows);
+        sound(arrive.as_ref().unwrap_or(&still()), &self.rows)?;
         match self.spec.align {
             Align::Predicted => {
                 self.slide(self.past.and_then(|p| p.1));
-                self.predict(step, arrive.as_ref(), sink)?;
+                self.predict(step, arrive.as_ref(), sink);
                 self.push(step, arrive)?;
                 self.inside += 1;
             }
@@ -220,7 +218,7 @@ impl<const N: usize> Tracker for Fms<N> {
                 self.metas.push_back(Meta { k: step.k, t_s: step.t_s, status, nis: None, nis_dof: 0, arrived });
                 self.slide(step.t_s);
                 let lag = self.lag();
-                let joint = self.estimate(lag, None)?;
+                let joint = self.estimate(lag, None);
                 let dof = self.rows.len() as u32;
                 if let (Some(belief), Some(meta)) = (&joint.filter, self.metas.back_mut()) {
                     meta.nis = posterior_nis(belief, &mut self.rows);
@@ -241,7 +239,7 @@ impl<const N: usize> Tracker for Fms<N> {
             let leap = self.leap_to(None);
             self.rows.clear();
             self.slide(self.past.and_then(|p| p.1));
-            self.predict(&beyond, leap.as_ref(), sink)?;
+            self.predict(&beyond, leap.as_ref(), sink);
         }
         Ok(())
     }

@@ -69,7 +69,7 @@ impl<const N: usize> FmsNewton<N> {
     fn solve(&mut self, lagged: Option<usize>) -> Result<Joint<N>, StepError> {
         if !enough(self.model.layout.axes, self.kept.iter()) {
             self.newton.clear();
-            return Ok(Joint { filter: None, lagged: None, cross: nalgebra::zero() });
+            return Ok(Joint::none());
         }
         if self.kept.len() > self.newton.capacity() {
             let larger = 2 * self.kept.len();
@@ -142,9 +142,8 @@ impl<const N: usize> Tracker for FmsNewton<N> {
                     let prior = kalman::predict(&last, &leap);
                     self.rows.clear();
                     self.model.sensing.rows(step, &prior.mean, &mut self.rows);
-                    let (_, evidence) =
-                        kalman::update(&prior, &self.rows, kalman::Robust::None).map_err(StepError::Core)?;
-                    if let Some(meta) = self.metas.back_mut() {
+                    let evidence = kalman::update(&prior, &self.rows, kalman::Robust::None).map(|(_, e)| e);
+                    if let (Ok(evidence), Some(meta)) = (evidence, self.metas.back_mut()) {
                         meta.nis = (evidence.dof > 0).then_some(evidence.nis);
                         meta.nis_dof = evidence.dof;
                     }

@@ -7,11 +7,12 @@ pub mod kalman;
 pub mod rts;
 pub mod ufir;
 
+use crate::error::StepError;
 use crate::filter::Outcome;
 use crate::fix::{Estimate, Fix, Lagged, Sink, Status};
 use crate::spec::Span;
 use crate::tracker::Step;
-use fixtrail_core::Belief;
+use fixtrail_core::{Belief, Row, Transition};
 
 /// Which of filter and smoother a tracker emits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -110,4 +111,22 @@ pub(crate) fn room(span: Span) -> usize {
         Span::Instants(count) => count + 1,
         Span::Seconds(_) => 64,
     }
+}
+
+/// Checks that a step's numbers are numbers, before a window takes them in.
+pub(crate) fn sound<const N: usize>(arrive: &Transition<N>, rows: &[Row<N>]) -> Result<(), StepError> {
+    let finite = arrive.f.iter().chain(&arrive.q).chain(&arrive.next).all(|v| v.is_finite());
+    let component =
+        rows.iter().position(|r| !(r.residual.is_finite() && r.var > 0.0 && r.h.iter().all(|v| v.is_finite())));
+    match (finite, component) {
+        (true, None) => Ok(()),
+        (_, component) => {
+            Err(StepError::Core(fixtrail_core::StepError::NotFinite { component: component.unwrap_or(0) }))
+        }
+    }
+}
+
+/// The transition that leads to a first instant.
+pub(crate) fn still<const N: usize>() -> Transition<N> {
+    Transition { next: nalgebra::zero(), f: nalgebra::one(), q: nalgebra::zero() }
 }

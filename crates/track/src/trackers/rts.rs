@@ -25,11 +25,11 @@ impl<const N: usize> Rts<N> {
     }
 
     /// Smoothed beliefs of the run; `None` where the data do not determine them.
-    fn smoothed(&self) -> Result<Vec<Option<Belief<N>>>, StepError> {
+    fn smoothed(&self) -> Vec<Option<Belief<N>>> {
         let mut out = vec![None; self.run.len()];
         let first = self.run.iter().take_while(|l| l.forgotten).count();
         let run = &self.run[first..];
-        let Some(oldest) = run.first() else { return Ok(out) };
+        let Some(oldest) = run.first() else { return out };
         let prior = self.filter.model.prior.map(|p| Belief { mean: p.mean - oldest.nominal, cov: p.cov });
         let mut forward = Forward::start(prior.as_ref());
         let mut instants: Vec<Instant<N>> = Vec::with_capacity(run.len());
@@ -37,7 +37,7 @@ impl<const N: usize> Rts<N> {
         for at in run {
             let mut instant = forward.leap(at.arrive.as_ref().filter(|_| !instants.is_empty()));
             for row in &at.rows {
-                forward.update(row).map_err(StepError::Core)?;
+                forward.update(row);
             }
             rows.extend_from_slice(&at.rows);
             instant.rows = at.rows.len();
@@ -48,7 +48,7 @@ impl<const N: usize> Rts<N> {
                 out[first + i] = Some(Belief { mean: belief.mean + run[i].nominal, cov: belief.cov });
             });
         }
-        Ok(out)
+        out
     }
 }
 
@@ -65,7 +65,7 @@ impl<const N: usize> Tracker for Rts<N> {
 
     fn finish(&mut self, sink: &mut dyn Sink) -> Result<(), StepError> {
         self.filter.finish(&mut self.run);
-        for ((meta, filtered), smoothed) in self.metas.iter().zip(self.smoothed()?) {
+        for ((meta, filtered), smoothed) in self.metas.iter().zip(self.smoothed()) {
             match self.mode {
                 LaggedMode::Both => emit(sink, meta, filtered.as_ref(), Some((meta, smoothed.as_ref()))),
                 LaggedMode::Own | LaggedMode::Only => emit_smoothed(sink, meta, smoothed.as_ref()),

@@ -8,10 +8,10 @@ use crate::layout::Layout;
 use crate::model::Model;
 use crate::spec::Span;
 use crate::tracker::{Step, Tracker};
-use crate::trackers::{Meta, emit, outside, room};
+use crate::trackers::{Meta, emit, outside, room, sound, still};
 use fixtrail_core::estimators::fms::posterior_nis;
 use fixtrail_core::estimators::ufir;
-use fixtrail_core::{Belief, Row, Transition, Vector};
+use fixtrail_core::{Belief, Row, Vector};
 use std::collections::VecDeque;
 
 /// Unbiased FIR filter over a linear model.
@@ -49,10 +49,11 @@ impl<const N: usize> Tracker for Ufir<N> {
         let zero = Vector::zeros();
         let arrive = match self.past {
             Some((k, t_s, drive)) => self.model.motion.leap(k, interval(t_s, step.t_s), &drive, &zero),
-            None => Transition { next: zero, f: nalgebra::one(), q: nalgebra::zero() },
+            None => still(),
         };
         self.rows.clear();
         self.model.sensing.rows(step, &zero, &mut self.rows);
+        sound(&arrive, &self.rows)?;
         let dof = self.rows.len() as u32;
         self.window.push(&arrive, &mut self.rows).map_err(StepError::Core)?;
         self.times.push_back(step.t_s);

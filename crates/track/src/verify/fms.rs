@@ -87,6 +87,17 @@ pub(super) fn packet(k: usize, z: Vec<Option<f64>>, u: Vec<f64>) -> Packet {
     }
 }
 
+/// Which of a window's data is 1 while all others are 0.
+#[derive(Clone, Copy)]
+struct Unit {
+    k: usize,
+    component: usize,
+    input: bool,
+}
+
+/// Estimates of a window from its end and its data.
+type Windowed<'a, const N: usize> = &'a dyn Fn(usize, Option<Unit>) -> Result<Joint<N>, BuildError>;
+
 fn step(at: &Json<'_>, n: usize, q: usize) -> Result<LinearStep, BuildError> {
     let g = match at.optional("G") {
         Some(g) => g.matrix()?,
@@ -153,7 +164,7 @@ fn windows<const N: usize>(v: &Vectors, expected: &Json<'_>) -> Result<Vec<Quant
     if end < v.window || end > v.run.packets.len() {
         return Err(first.fail(format!("ends at {end}, expected between M and N")));
     }
-    let joint = |i: usize, data: Option<(usize, usize, bool)>| window_joint::<N>(v, i, data);
+    let joint = |i: usize, data: Option<Unit>| window_joint::<N>(v, i, data);
     out.push(gain("first_window.Kz", &first.get("Kz")?.matrix()?, v, end, false, &joint)?);
     let ku = first.get("Ku")?.matrix()?;
     if ku.cols > 0 {
@@ -189,7 +200,7 @@ fn gain<const N: usize>(
     v: &Vectors,
     end: usize,
     inputs: bool,
-    joint: &dyn Fn(usize, Option<(usize, usize, bool)>) -> Result<Joint<N>, BuildError>,
+    joint: Windowed<'_, N>,
 ) -> Result<Quantity, BuildError> {
     let mut out = Comparison::new(name, Scale::Entry, ESTIMATE);
     let mut columns = Vec::new();
@@ -202,7 +213,7 @@ fn gain<const N: usize>(
         out.mismatched = true;
     }
     for (j, (k, c)) in columns.iter().enumerate().take(expected.cols) {
-        let unit = joint(end, Some((*k, *c, inputs)))?;
+        let unit = joint(end, Some(Unit { k: *k, component: *c, input: inputs }))?;
         let ours: Option<Vec<f64>> =
             unit.filter.zip(unit.lagged).map(|(f, l)| f.mean.iter().chain(l.mean.iter()).copied().collect());
         let theirs: Vec<f64> = (0..expected.rows).map(|i| expected.at(i, j)).collect();
@@ -211,12 +222,8 @@ fn gain<const N: usize>(
     Ok(out.done())
 }
 
-/// The estimate at `end` from its window. With `unit`, all data are 0 but one: (time, component, whether it is an input).
-fn window_joint<const N: usize>(
-    v: &Vectors,
-    end: usize,
-    unit: Option<(usize, usize, bool)>,
-) -> Result<Joint<N>, BuildError> {
+/// The estimate at `end` from its window. With `unit`, all data are 0 but one.
+fn window_joint<const N: usize>(v: &Vectors, end: usize, unit: Option<Unit>) -> Result<Joint<N>, BuildError> {
     let steps =
         if v.run.spec.sequence.is_empty() { std::slice::from_ref(&v.run.spec.base) } else { &v.run.spec.sequence };
     let model = LinearModel::<N>::new(steps);
@@ -227,12 +234,12 @@ fn window_joint<const N: usize>(
     let mut leap = Transition { next: zero, f: nalgebra::one(), q: nalgebra::zero() };
     for k in end.saturating_sub(v.window)..end {
         let mut packet = v.run.packets[k].clone();
-        if let (Content::Linear { z, u }, Some((at, c, input))) = (&mut packet.content, unit) {
+        if let (Content::Linear { z, u }, Some(one)) = (&mut packet.content, unit) {
             for (i, value) in z.iter_mut().enumerate() {
-                *value = value.map(|_| if !input && at == k && c == i { 1.0 } else { 0.0 });
+                *value = value.map(|_| if !one.input && one.k == k && one.component == i { 1.0 } else { 0.0 });
             }
             for (i, value) in u.iter_mut().enumerate() {
-                *value = if input && at == k && c == i { 1.0 } else { 0.0 };
+                *value = if one.input && one.k == k && one.component == i { 1.0 } else { 0.0 };
             }
         }
         let packets = [packet];
@@ -243,7 +250,7 @@ fn window_joint<const N: usize>(
         let Content::Linear { u, .. } = &packets[0].content else { continue };
         leap = model.leap(k as u64, 0.0, &model.drive(k as u64, u), &zero);
     }
-    window.predicted(v.lag, &leap).map_err(fail)
+    Ok(window.predicted(v.lag, &leap))
 }
 
 /// Row-major joint covariance of (newest, lagged).

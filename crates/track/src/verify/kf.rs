@@ -15,7 +15,7 @@ use crate::target::TargetPackets;
 use crate::tracker::Step;
 use crate::trackers::LaggedMode;
 use crate::trail::Trail;
-use fixtrail_core::estimators::kalman::{self, Robust};
+use fixtrail_core::estimators::kalman::{self, Innovation, Robust};
 use fixtrail_core::{Belief, Row, Vector};
 
 /// A linear model and its data.
@@ -78,13 +78,16 @@ fn filtered_sized<const N: usize>(run: &LinearRun) -> Result<Vec<Filtered>, Buil
             [row] => Some((row.residual, row.h.dot(&(belief.cov * row.h)) + row.var)),
             _ => None,
         };
-        let (posterior, evidence) = kalman::update(&belief, &rows, Robust::None).map_err(|e| fail(e.to_string()))?;
+        let mut log_likelihood = 0.0;
+        let noted = |i: Innovation| log_likelihood += i.log_density();
+        let (posterior, _) =
+            kalman::update_noting(&belief, &rows, Robust::None, noted).map_err(|e| fail(e.to_string()))?;
         // Whitened scalar rows have unit variance: the file's innovation is in the measurement's own unit.
         let innovation = innovation.map(|(e, s)| {
             let var = steps[k.min(steps.len() - 1)].r.at(0, 0);
             (e * var.sqrt(), s * var)
         });
-        out.push(Filtered { prior: slices(&belief), innovation, log_likelihood: evidence.log_likelihood });
+        out.push(Filtered { prior: slices(&belief), innovation, log_likelihood });
         let Content::Linear { u, .. } = &packet.content else { continue };
         let leap = model.leap(k as u64, 0.0, &model.drive(k as u64, u), &posterior.mean);
         belief = kalman::predict(&posterior, &leap);

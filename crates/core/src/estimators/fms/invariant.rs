@@ -182,23 +182,23 @@ impl<const N: usize, S: Store> InvariantWindow<N, S> {
         Ok(())
     }
 
-    /// Returns filter and smoother for the instant the shape asks for: the newest, or with [`Align::Predicted`] the one after it.
-    ///
-    /// # Errors
-    /// As the pass over the window.
-    pub fn estimate(&mut self) -> Result<Joint<N>, StepError> {
+    /// Returns filter and smoother for the instant the shape asks for: the newest, or with [`Align::Predicted`] the one after it. A
+    /// window whose covariances leave the range of numbers has no estimate.
+    pub fn estimate(&mut self) -> Joint<N> {
         if self.len == self.shape.window
             && let Some(joint) = self.filtered_by_gain()
         {
             if let Some(varying) = &mut self.varying {
                 varying.clear();
             }
-            return Ok(joint);
+            return joint;
         }
-        if self.len >= STACKS_FROM && self.varying.is_some() {
-            return self.aggregated();
+        if self.len >= STACKS_FROM
+            && let Some(joint) = self.aggregated()
+        {
+            return joint;
         }
-        self.passed()
+        self.passed().unwrap_or_else(|_| Joint::none())
     }
 
     /// Rows of instant `i` (the oldest is 0), whitened, linearised at 0. Returns how many there are.
@@ -277,27 +277,30 @@ impl<const N: usize, S: Store> InvariantWindow<N, S> {
         Some(shifted(&joint, &(base.0 + moved.0 + ends.0, base.1 + moved.1 + ends.1)))
     }
 
-    fn aggregated(&mut self) -> Result<Joint<N>, StepError> {
-        let mut rows = [Row { h: Vector::zeros(), residual: 0.0, var: 1.0 }; MOST_COMPONENTS];
-        let Some(mut varying) = self.varying.take() else { return self.passed() };
-        let outcome = (|| {
-            if varying.is_empty() {
-                for i in 0..self.len {
-                    let next = if i > 0 { self.drive(i - 1) } else { Vector::zeros() };
-                    let count = self.rows(i, &mut rows);
-                    varying.push(&Transition { next, ..self.leap }, &mut rows[..count])?;
-                }
+    /// The estimate from the queues of a time-varying window, filled on first need; `None` without one, or without room in it.
+    fn aggregated(&mut self) -> Option<Joint<N>> {
+        let mut varying = self.varying.take()?;
+        let mut filled = true;
+        if varying.is_empty() {
+            let mut rows = [Row { h: Vector::zeros(), residual: 0.0, var: 1.0 }; MOST_COMPONENTS];
+            for i in 0..self.len {
+                let next = if i > 0 { self.drive(i - 1) } else { Vector::zeros() };
+                let count = self.rows(i, &mut rows);
+                filled &= varying.push(&Transition { next, ..self.leap }, &mut rows[..count]).is_ok();
             }
-            match self.shape.align {
-                Align::Filtered => varying.filtered(self.shape.lag),
-                Align::Predicted => {
-                    let leap = Transition { next: self.drive(self.len - 1), ..self.leap };
-                    varying.predicted(self.shape.lag, &leap)
-                }
+        }
+        if !filled {
+            varying.clear();
+        }
+        let joint = filled.then(|| match self.shape.align {
+            Align::Filtered => varying.filtered(self.shape.lag),
+            Align::Predicted => {
+                let leap = Transition { next: self.drive(self.len - 1), ..self.leap };
+                varying.predicted(self.shape.lag, &leap)
             }
-        })();
+        });
         self.varying = Some(varying);
-        outcome
+        joint
     }
 
     /// The estimate by one exact-diffuse pass over the window.

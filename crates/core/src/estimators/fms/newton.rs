@@ -82,7 +82,7 @@ impl<const N: usize, S: Store> Newton<N, S> {
     /// trajectory or the iteration does not settle; the next window then starts cold.
     ///
     /// # Errors
-    /// [`StepError::WindowFull`] when the window does not fit; as [`Diffuse::update`] otherwise.
+    /// [`StepError::WindowFull`] when the window does not fit; nothing has changed then.
     pub fn solve(
         &mut self,
         model: &mut impl WindowModel<N>,
@@ -105,7 +105,7 @@ impl<const N: usize, S: Store> Newton<N, S> {
         }
         for iteration in 0..MOST_ITERATIONS {
             let damping = (was_cold && iteration < DAMPED_ITERATIONS).then_some(&cold.spread);
-            let Some(step) = self.iterate(model, lagged, damping)? else { break };
+            let Ok(Some(step)) = self.iterate(model, lagged, damping) else { break };
             if !step.largest.is_finite() {
                 break;
             }
@@ -119,7 +119,7 @@ impl<const N: usize, S: Store> Newton<N, S> {
             return self.solve(model, len, lagged, cold);
         }
         self.clear();
-        Ok(Joint { filter: None, lagged: None, cross: nalgebra::zero() })
+        Ok(Joint::none())
     }
 
     /// One linearisation and its exact solution; moves the nominal trajectory. `None` when the window does not determine it.
@@ -149,7 +149,7 @@ impl<const N: usize, S: Store> Newton<N, S> {
             let given = model.rows(i, &at, &mut buffer);
             let (rows, _) = compress(&mut buffer[..given]);
             for row in &buffer[..rows] {
-                forward.update(row)?;
+                forward.update(row);
                 self.rows.as_mut()[count] = *row;
                 joint.update(row)?;
                 count += 1;

@@ -89,31 +89,26 @@ impl<const N: usize, S: Store> Varying<N, S> {
     }
 
     /// Estimates of the newest instant and of the one `lag` instants before it, from the window. A lag beyond the window has no
-    /// estimate.
-    ///
-    /// # Errors
-    /// [`StepError::InnovationVariance`] as the pass.
-    pub fn filtered(&mut self, lag: usize) -> Result<Joint<N>, StepError> {
+    /// estimate, and neither has a window whose covariances leave the range of numbers.
+    pub fn filtered(&mut self, lag: usize) -> Joint<N> {
         let split = self.window.len().checked_sub(lag + 1);
         self.estimate(split, None)
     }
 
-    /// Estimates of the instant that `leap` leads to and of the one `lag` instants before it, from the window.
-    ///
-    /// # Errors
-    /// [`StepError::InnovationVariance`] as the pass.
-    pub fn predicted(&mut self, lag: usize, leap: &Transition<N>) -> Result<Joint<N>, StepError> {
+    /// Estimates of the instant that `leap` leads to and of the one `lag` instants before it, from the window; see
+    /// [`Varying::filtered`].
+    pub fn predicted(&mut self, lag: usize, leap: &Transition<N>) -> Joint<N> {
         let split = self.window.len().checked_sub(lag);
         self.estimate(split, Some(leap))
     }
 
-    fn estimate(&mut self, split: Option<usize>, leap: Option<&Transition<N>>) -> Result<Joint<N>, StepError> {
+    fn estimate(&mut self, split: Option<usize>, leap: Option<&Transition<N>>) -> Joint<N> {
         if self.window.len() >= STACKS_FROM
             && let Some(joint) = self.aggregated(split, leap)
         {
-            return Ok(joint);
+            return joint;
         }
-        self.passed(split, leap)
+        self.passed(split, leap).unwrap_or_else(|_| Joint::none())
     }
 
     /// The estimate by one exact-diffuse pass over the window.
