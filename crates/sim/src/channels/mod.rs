@@ -1,0 +1,47 @@
+//! Simulated media: each decides packet by packet whether it arrives.
+
+mod bernoulli;
+mod gilbert_elliott;
+
+pub use bernoulli::Bernoulli;
+pub use gilbert_elliott::GilbertElliott;
+
+use rand::Rng;
+
+/// Every channel: the name that files use, and what it does in one line.
+pub const NAMES: [(&str, &str); 2] = [
+    ("bernoulli", "loses each packet independently with one probability"),
+    ("gilbert-elliott", "loses packets in bursts: a good and a bad state that follow each other at random"),
+];
+
+/// A medium that loses packets.
+///
+/// Every implementation draws from `rng` alone and depends on nothing but its own state, so equal seeds give equal losses.
+pub trait Channel {
+    /// Whether the next packet arrives.
+    fn delivered(&mut self, rng: &mut dyn Rng) -> bool;
+}
+
+/// A channel that cannot exist.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum DesignError {
+    /// A probability is outside its interval.
+    #[error("the loss rate is {value}, expected a number from 0 up to, but not including, 1")]
+    LossRate {
+        /// The offending value.
+        value: f64,
+    },
+    /// Bursts are shorter than the loss rate allows.
+    #[error("the mean burst is {value} packets, expected at least {min} for this loss rate")]
+    MeanBurst {
+        /// The offending value.
+        value: f64,
+        /// The shortest mean burst of a two-state chain with this loss rate.
+        min: f64,
+    },
+}
+
+fn checked_loss_rate(value: f64) -> Result<f64, DesignError> {
+    if (0.0..1.0).contains(&value) { Ok(value) } else { Err(DesignError::LossRate { value }) }
+}
