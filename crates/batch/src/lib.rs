@@ -1,1 +1,26 @@
 //! Tables in, trails out.
+//!
+//! [`read_table`] turns a measurement table (CSV, NDJSON, Parquet) into the packets of each target, [`run_tracks`] tracks
+//! the targets in parallel, [`write_trails`] writes what came out. The order of rows in a file never matters.
+
+mod anchors;
+mod cell;
+mod columns;
+mod content;
+mod formats;
+mod input;
+mod rows;
+mod run;
+mod schema;
+mod sort;
+mod table;
+mod time;
+mod truth;
+mod write;
+
+pub use input::{Format, Input};
+pub use run::run_tracks;
+pub use table::{Counts, LinearShape, ReadOptions, Table, TableMeta, read_table};
+pub use time::TimeForm;
+pub use truth::read_truth;
+pub use write::{Order, OutFormat, Output, WriteError, WriteOptions, write_trails};

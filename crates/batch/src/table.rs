@@ -1,0 +1,127 @@
+//! A measurement table in memory.
+
+use crate::input::{Format, Input};
+use crate::rows::Rows;
+use crate::time::TimeForm;
+use crate::{anchors, formats, sort};
+use fixtrail_track::anchors::Anchors;
+use fixtrail_track::error::BuildError;
+use fixtrail_track::geo::Origin;
+use fixtrail_track::packet::Kind;
+use fixtrail_track::target::TargetPackets;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Sizes of a linear model's measurement and input vectors.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LinearShape {
+    /// Number of measurements, the rows of C.
+    pub q: usize,
+    /// Number of inputs, the columns of B.
+    pub p_u: usize,
+}
+
+/// What the spec says about the table.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ReadOptions {
+    /// `[columns]`: our column name → the file's.
+    pub columns: BTreeMap<String, String>,
+    /// Kind of the rows that do not name one: the spec's only kind.
+    pub default_kind: Option<Kind>,
+    /// Kinds to keep; rows of others are counted and otherwise ignored. `None` keeps all.
+    pub kinds: Option<Vec<Kind>>,
+    /// Sizes when the model is linear; without a spec they follow from the columns.
+    pub linear: Option<LinearShape>,
+    /// Skips and counts bad rows.
+    pub skip_bad_rows: bool,
+    /// Format of the file; `None` goes by extension, then by the first bytes.
+    pub format: Option<Format>,
+    /// How late the time stamps of each kind are, seconds; subtracted.
+    pub latency_s: BTreeMap<Kind, f64>,
+}
+
+/// What was seen while reading.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Rows read, of any kind, bad ones and duplicates included.
+    pub rows: u64,
+    /// Rows dropped because they repeat another row.
+    pub duplicates: u64,
+    /// Bad rows skipped.
+    pub skipped_bad: u64,
+    /// What was wrong with the first of them.
+    pub first_bad: Option<String>,
+    /// Columns that nobody asked for.
+    pub ignored_columns: Vec<String>,
+    /// Rows of kinds that nobody asked for.
+    pub ignored_kinds: BTreeMap<String, u64>,
+    /// Rows older than an earlier row of the same target.
+    pub out_of_order: u64,
+}
+
+/// A measurement table: who said what and when.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Table {
+    /// Packets of each target, sorted by target id (byte order), then time, then in canonical order; no two are equal.
+    pub targets: Vec<TargetPackets>,
+    /// The anchors that packets refer to.
+    pub anchors: Anchors,
+    /// How times are written and what second 0 is.
+    pub time: TimeForm,
+    /// Origin of the local frame when positions came as latitude and longitude: the earliest position (of the first target
+    /// in order when several are as early), at height 0 if it has none.
+    pub origin: Option<Origin>,
+    /// Whether there is a target column.
+    pub has_target: bool,
+    /// What was seen while reading.
+    pub counts: Counts,
+}
+
+/// What a writer needs to know about the table a trail came from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TableMeta {
+    /// How times are written and what second 0 is.
+    pub time: TimeForm,
+    /// Origin of the local frame, if positions are latitude and longitude.
+    pub origin: Option<Origin>,
+    /// Whether there is a target column.
+    pub has_target: bool,
+}
+
+impl Table {
+    /// The part that writers need.
+    pub fn meta(&self) -> TableMeta {
+        TableMeta { time: self.time, origin: self.origin, has_target: self.has_target }
+    }
+}
+
+impl From<&Table> for TableMeta {
+    fn from(table: &Table) -> TableMeta {
+        table.meta()
+    }
+}
+
+/// Returns the measurements of `input`.
+///
+/// `anchors` names the anchors table; without it `anchors.csv` beside the input is used if it is there. `progress` is
+/// called now and then with bytes done and bytes in all (0 when unknown).
+///
+/// # Errors
+/// [`BuildError`] with file, line, column, value and expectation, for anything that cannot be understood. With
+/// `skip_bad_rows` only for what concerns the table as a whole: its header, its form of time, its encoding as a file.
+pub fn read_table(
+    input: &Input,
+    anchors: Option<&Path>,
+    options: &ReadOptions,
+    progress: &mut dyn FnMut(u64, u64),
+) -> Result<Table, BuildError> {
+    let anchors = match anchors::locate(input, anchors) {
+        Some(path) => anchors::read(&path)?,
+        None => Anchors::default(),
+    };
+    let mut rows = Rows::new(input.name(), options, &anchors);
+    formats::read(input, options.format, &mut rows, progress)?;
+    let settled = sort::settle(rows)?;
+    let sort::Settled { targets, time, origin, has_target, counts } = settled;
+    Ok(Table { targets, anchors, time, origin, has_target, counts })
+}

@@ -1,0 +1,141 @@
+//! A trail as Parquet.
+
+use super::columns::{ColumnKind, OutCell};
+use super::{Job, To, WriteError};
+use parquet::basic::Compression;
+use parquet::column::writer::ColumnWriter;
+use parquet::data_type::ByteArray;
+use parquet::errors::ParquetError;
+use parquet::file::metadata::KeyValue;
+use parquet::file::properties::WriterProperties;
+use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::parser::parse_message_type;
+use std::io;
+use std::sync::Arc;
+
+/// Rows of a row group.
+const GROUP_ROWS: usize = 1 << 16;
+
+pub(super) fn write(job: &Job<'_>, to: To<'_>) -> Result<(), WriteError> {
+    let columns = job.columns();
+    let mut message = "message trail {".to_owned();
+    for (name, kind) in columns.names.iter().zip(&columns.kinds) {
+        message.push_str(&match kind {
+            ColumnKind::Float => format!(" OPTIONAL DOUBLE {name};"),
+            ColumnKind::Index => format!(" OPTIONAL INT64 {name};"),
+            ColumnKind::Text => format!(" OPTIONAL BYTE_ARRAY {name} (STRING);"),
+            ColumnKind::Date => format!(" OPTIONAL INT64 {name} (TIMESTAMP(NANOS,true));"),
+        });
+    }
+    message.push_str(" }");
+    let failed = |e: ParquetError| job.io(into_io(e));
+    let schema = parse_message_type(&message).map_err(failed)?;
+
+    let origin = job.meta.origin.map(|o| {
+        let json = serde_json::json!({"lat": o.lat_deg, "lon": o.lon_deg, "alt": o.alt_m});
+        vec![KeyValue::new("fixtrail.origin".to_owned(), json.to_string())]
+    });
+    let mut properties = WriterProperties::builder()
+        .set_compression(Compression::SNAPPY)
+        .set_dictionary_enabled(false)
+        .set_key_value_metadata(origin);
+    for (name, _) in columns.names.iter().zip(&columns.kinds).filter(|(_, kind)| **kind == ColumnKind::Text) {
+        properties = properties.set_column_dictionary_enabled(name.as_str().into(), true);
+    }
+
+    let mut file = SerializedFileWriter::new(to, Arc::new(schema), Arc::new(properties.build())).map_err(failed)?;
+    let mut buffers: Vec<Buffer> = columns.kinds.iter().map(|kind| Buffer::new(*kind)).collect();
+    let (mut cells, mut rows) = (Vec::new(), 0);
+    job.rows(|target, row| {
+        columns.fill(job, target, row, &mut cells)?;
+        buffers.iter_mut().zip(&cells).for_each(|(buffer, cell)| buffer.push(cell));
+        rows += 1;
+        if rows % GROUP_ROWS == 0 { write_group(&mut file, &mut buffers).map_err(failed) } else { Ok(()) }
+    })?;
+    if rows % GROUP_ROWS != 0 {
+        write_group(&mut file, &mut buffers).map_err(failed)?;
+    }
+    file.close().map_err(failed)?;
+    Ok(())
+}
+
+fn into_io(error: ParquetError) -> io::Error {
+    match error {
+        ParquetError::External(inner) => match inner.downcast::<io::Error>() {
+            Ok(io) => *io,
+            Err(other) => io::Error::other(other),
+        },
+        other => io::Error::other(other),
+    }
+}
+
+/// The values of one column of a row group.
+struct Buffer {
+    /// 1 where there is a value.
+    levels: Vec<i16>,
+    values: Values,
+}
+
+enum Values {
+    Floats(Vec<f64>),
+    Ints(Vec<i64>),
+    Texts(Vec<ByteArray>),
+}
+
+impl Buffer {
+    fn new(kind: ColumnKind) -> Buffer {
+        let values = match kind {
+            ColumnKind::Float => Values::Floats(Vec::new()),
+            ColumnKind::Index | ColumnKind::Date => Values::Ints(Vec::new()),
+            ColumnKind::Text => Values::Texts(Vec::new()),
+        };
+        Buffer { levels: Vec::new(), values }
+    }
+
+    fn push(&mut self, cell: &OutCell<'_>) {
+        let is_there = match (&mut self.values, cell) {
+            (Values::Floats(v), OutCell::Float(x)) => {
+                v.push(*x);
+                true
+            }
+            (Values::Ints(v), OutCell::Date(ns)) => {
+                v.push(*ns);
+                true
+            }
+            (Values::Ints(v), OutCell::Index(k)) => i64::try_from(*k).map(|k| v.push(k)).is_ok(),
+            (Values::Texts(v), OutCell::Text(text)) => {
+                v.push(ByteArray::from(*text));
+                true
+            }
+            _ => false,
+        };
+        self.levels.push(i16::from(is_there));
+    }
+
+    fn clear(&mut self) {
+        self.levels.clear();
+        match &mut self.values {
+            Values::Floats(v) => v.clear(),
+            Values::Ints(v) => v.clear(),
+            Values::Texts(v) => v.clear(),
+        }
+    }
+}
+
+fn write_group(file: &mut SerializedFileWriter<To<'_>>, buffers: &mut [Buffer]) -> Result<(), ParquetError> {
+    let mut group = file.next_row_group()?;
+    for buffer in buffers.iter_mut() {
+        let Some(mut column) = group.next_column()? else { break };
+        let levels = Some(buffer.levels.as_slice());
+        match (column.untyped(), &buffer.values) {
+            (ColumnWriter::DoubleColumnWriter(w), Values::Floats(v)) => w.write_batch(v, levels, None)?,
+            (ColumnWriter::Int64ColumnWriter(w), Values::Ints(v)) => w.write_batch(v, levels, None)?,
+            (ColumnWriter::ByteArrayColumnWriter(w), Values::Texts(v)) => w.write_batch(v, levels, None)?,
+            _ => return Err(ParquetError::General("a column has another type than its schema".to_owned())),
+        };
+        column.close()?;
+        buffer.clear();
+    }
+    group.close()?;
+    Ok(())
+}
