@@ -28,7 +28,7 @@ fn slide(paper: &FmsPaper, lag: usize, z: &[[f64; 1]], mut take: impl FnMut(usiz
     for (k, z) in z.iter().enumerate() {
         window.push(&[Some(z[0])], &[]).expect("room for the window");
         if let Some(at) = (k + 1).checked_sub(WINDOW) {
-            let joint = window.estimate().expect("a sound model and finite data");
+            let joint = window.estimate();
             let (newest, lagged) = joint.filter.zip(joint.lagged).expect("an observable window");
             take(at, newest.mean, lagged.mean);
         }

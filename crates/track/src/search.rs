@@ -25,8 +25,11 @@ pub(crate) struct Kept {
 }
 
 impl Kept {
-    pub(crate) fn new(step: &Step<'_>, dt_s: f64) -> Self {
-        Self { k: step.k, t_s: step.t_s, dt_s, packets: step.packets.to_vec() }
+    /// Keeps an instant in the room of one that is no longer needed.
+    pub(crate) fn new(step: &Step<'_>, dt_s: f64, mut room: Vec<Packet>) -> Self {
+        room.clear();
+        room.extend_from_slice(step.packets);
+        Self { k: step.k, t_s: step.t_s, dt_s, packets: room }
     }
 
     pub(crate) fn step(&self) -> Step<'_> {
@@ -38,7 +41,7 @@ impl Kept {
 pub(crate) struct KeptWindow<'a, const N: usize> {
     pub(crate) model: &'a Model<N>,
     pub(crate) kept: &'a VecDeque<Kept>,
-    pub(crate) rows: Vec<Row<N>>,
+    pub(crate) rows: &'a mut Vec<Row<N>>,
 }
 
 impl<const N: usize> WindowModel<N> for KeptWindow<'_, N> {
@@ -49,8 +52,8 @@ impl<const N: usize> WindowModel<N> for KeptWindow<'_, N> {
 
     fn rows(&mut self, i: usize, x: &Vector<N>, out: &mut [Row<N>; MOST_ROWS]) -> usize {
         self.rows.clear();
-        self.model.sensing.rows(&self.kept[i].step(), x, &mut self.rows);
-        let count = if self.rows.len() > MOST_ROWS { compress(&mut self.rows).0 } else { self.rows.len() };
+        self.model.sensing.rows(&self.kept[i].step(), x, self.rows);
+        let count = if self.rows.len() > MOST_ROWS { compress(self.rows).0 } else { self.rows.len() };
         out[..count].copy_from_slice(&self.rows[..count]);
         count
     }
@@ -58,14 +61,17 @@ impl<const N: usize> WindowModel<N> for KeptWindow<'_, N> {
 
 /// Whether the packets of a window can fix a position: enough different anchors, or positions themselves.
 pub(crate) fn enough<'a>(axes: usize, kept: impl Iterator<Item = &'a Kept>) -> bool {
-    let mut anchors = Vec::new();
+    // One more than the axes: with as many, two mirrored positions fit.
+    let mut anchors = [0; 4];
+    let mut count = 0;
     for packet in kept.flat_map(|k| &k.packets) {
         match &packet.content {
             Content::Range { anchor, .. } => {
-                if !anchors.contains(anchor) {
-                    anchors.push(*anchor);
+                if !anchors[..count].contains(anchor) {
+                    anchors[count] = *anchor;
+                    count += 1;
                 }
-                if anchors.len() > axes {
+                if count > axes {
                     return true;
                 }
             }
@@ -95,6 +101,7 @@ pub(crate) fn cold_start<'a, const N: usize>(model: &Model<N>, kept: impl Iterat
 pub struct Search<const N: usize> {
     newton: Newton<N, Heap>,
     kept: VecDeque<Kept>,
+    rows: Vec<Row<N>>,
     newest: Vector<N>,
 }
 
@@ -106,7 +113,7 @@ impl<const N: usize> Search<N> {
     pub fn new() -> Result<Self, StepError> {
         let room = fixtrail_core::StepError::WindowFull { capacity: 0, needed: START_INSTANTS };
         let newton = Newton::new(START_INSTANTS).ok_or(StepError::Core(room))?;
-        Ok(Self { newton, kept: VecDeque::new(), newest: Vector::zeros() })
+        Ok(Self { newton, kept: VecDeque::new(), rows: Vec::new(), newest: Vector::zeros() })
     }
 
     /// The point that the newest instant was linearised at.
@@ -125,10 +132,10 @@ impl<const N: usize> Search<N> {
         dt_s: f64,
         record: Option<&mut Vec<Linearised<N>>>,
     ) -> Result<Option<Belief<N>>, StepError> {
-        self.kept.push_back(Kept::new(step, dt_s));
+        self.kept.push_back(Kept::new(step, dt_s, Vec::new()));
         let found = if enough(model.layout.axes, self.kept.iter()) {
             let cold = cold_start(model, self.kept.iter());
-            let mut view = KeptWindow { model, kept: &self.kept, rows: Vec::new() };
+            let mut view = KeptWindow { model, kept: &self.kept, rows: &mut self.rows };
             self.newton.solve(&mut view, self.kept.len(), None, &cold).map_err(StepError::Core)?.filter
         } else {
             None
@@ -161,7 +168,8 @@ impl<const N: usize> Search<N> {
 
     fn linearise(&self, model: &Model<N>, record: &mut Vec<Linearised<N>>) {
         let nominal = self.newton.nominal();
-        let mut view = KeptWindow { model, kept: &self.kept, rows: Vec::new() };
+        let mut scratch = Vec::new();
+        let mut view = KeptWindow { model, kept: &self.kept, rows: &mut scratch };
         for (i, kept) in self.kept.iter().enumerate() {
             let arrive = (i > 0).then(|| {
                 let leap = view.leap(i, &nominal[i - 1]);

@@ -16,7 +16,7 @@
 //! covariance. No transition matrix is inverted, so singular F and singular Q need nothing special.
 
 use crate::estimators::kalman::{joseph, propagate};
-use crate::linalg::{LeastSquares, RANK_TOLERANCE, symmetrised};
+use crate::linalg::{LeastSquares, RANK_TOLERANCE, ScaledSvd, symmetrised};
 use crate::types::{Belief, Matrix, Row, StepError, Vector};
 
 /// Filter from an unknown first state, with an optional lagged copy.
@@ -34,6 +34,8 @@ pub struct Diffuse<const N: usize> {
     seen: LeastSquares<N>,
     /// Product of the transitions so far.
     phi: Matrix<N, N>,
+    /// Whether `seen` and `phi` are kept up.
+    watching: bool,
     lag: Option<Lag<N>>,
 }
 
@@ -113,6 +115,7 @@ impl<const N: usize> Diffuse<N> {
             info: LeastSquares::new(),
             seen: LeastSquares::new(),
             phi: Matrix::identity(),
+            watching: true,
             lag: None,
         }
     }
@@ -137,7 +140,9 @@ impl<const N: usize> Diffuse<N> {
         let gain = ph / f;
         let weight = 1.0 / libm::sqrt(f);
         self.info.add(&(e_x * weight), e * weight);
-        self.seen.add(&(self.phi.tr_mul(&row.h) / libm::sqrt(row.var)), 0.0);
+        if self.watching {
+            self.seen.add(&(self.phi.tr_mul(&row.h) / libm::sqrt(row.var)), 0.0);
+        }
         self.a += gain * e;
         self.x -= gain * e_x.transpose();
         self.p = joseph(&self.p, &row.h, row.var, &ph, &gain);
@@ -157,7 +162,9 @@ impl<const N: usize> Diffuse<N> {
         self.a = f * self.a + offset;
         self.x = f * self.x;
         self.p = propagate(&self.p, f, q);
-        self.phi = f * self.phi;
+        if self.watching {
+            self.phi = f * self.phi;
+        }
         if let Some(lag) = &mut self.lag {
             lag.cross *= f.transpose();
         }
@@ -165,45 +172,56 @@ impl<const N: usize> Diffuse<N> {
 
     /// Whether the rows so far determine the first state (singular-value ratio of the column-scaled observability matrix).
     pub fn determines_start(&self) -> bool {
-        self.seen.scaled_svd().ratio() >= RANK_TOLERANCE
+        !self.watching || self.seen.scaled_svd().ratio() >= RANK_TOLERANCE
+    }
+
+    /// Stops looking at what determines the first state, once the data do or a prior does. A pass that goes on for ever must: the
+    /// product of the transitions of an unstable system leaves the range of numbers.
+    pub fn stop_watching(&mut self) {
+        self.watching = false;
     }
 
     /// Returns the estimates that the data determine.
     pub fn solve(&self) -> Joint<N> {
         let svd = self.seen.scaled_svd();
-        if svd.ratio() >= RANK_TOLERANCE {
+        if !self.watching || svd.ratio() >= RANK_TOLERANCE {
             let spread = |a: &Vector<N>, x: &Matrix<N, N>| {
                 let y = self.info.right_solve(x);
                 (a + y * self.info.y, y)
             };
             return self.joint(spread, true, true);
         }
-        // Rank-deficient: a state is determined when it does not feel the directions that no row has seen.
-        let limit = RANK_TOLERANCE * svd.sigma.max();
-        let rank = svd.sigma.iter().filter(|s| **s > limit).count();
-        let inverse_scale = Matrix::<N, N>::from_diagonal(&svd.scale.map(|s| 1.0 / s));
-        let blind = |phi: &Matrix<N, N>| {
-            let reach = phi * inverse_scale;
-            let largest = reach.amax();
-            (0..N).all(|j| svd.sigma[j] > limit || (reach * svd.v.column(j)).amax() <= RANK_TOLERANCE * largest)
-        };
-        let filter_ok = blind(&self.phi);
-        let lag_ok = self.lag.as_ref().is_some_and(|l| blind(&l.phi));
-        let info = self.info.scaled_svd();
-        let spread = |a: &Vector<N>, x: &Matrix<N, N>| {
-            let mut y = Matrix::<N, N>::zeros();
-            let mut mean = *a;
-            let scaled = x * Matrix::<N, N>::from_diagonal(&info.scale.map(|s| 1.0 / s));
-            for (count, j) in largest_first(&info.sigma).into_iter().enumerate() {
-                if count < rank {
-                    let column = scaled * info.v.column(j) / info.sigma[j];
-                    mean += column * (info.u_sigma.column(j).dot(&self.info.y) / info.sigma[j]);
-                    y.set_column(j, &column);
-                }
-            }
-            (mean, y)
-        };
+        let partial = self.partial(&svd);
+        let filter_ok = partial.determines(&self.phi, &column_sizes(&self.phi));
+        let lag_ok = self.lag.as_ref().is_some_and(|l| partial.determines(&l.phi, &column_sizes(&l.phi)));
+        let spread = |a: &Vector<N>, x: &Matrix<N, N>| (a + x * partial.mean, x * partial.root);
         self.joint(spread, filter_ok, lag_ok)
+    }
+
+    /// What the rows say of the first state when they do not determine it.
+    pub(crate) fn partial_start(&self) -> PartialStart<N> {
+        self.partial(&self.seen.scaled_svd())
+    }
+
+    fn partial(&self, seen: &ScaledSvd<N>) -> PartialStart<N> {
+        let limit = RANK_TOLERANCE * seen.sigma.max();
+        let mut out =
+            PartialStart { mean: Vector::zeros(), root: Matrix::zeros(), blind: Matrix::zeros(), scale: seen.scale };
+        let mut rank = 0;
+        for j in 0..N {
+            if seen.sigma[j] > limit {
+                rank += 1;
+            } else {
+                out.blind.set_column(j, &seen.v.column(j).component_div(&seen.scale));
+            }
+        }
+        let info = self.info.scaled_svd();
+        for j in largest_first(&info.sigma).into_iter().take(rank) {
+            let column = info.v.column(j).component_div(&info.scale) / info.sigma[j];
+            out.mean += column * (info.u_sigma.column(j).dot(&self.info.y) / info.sigma[j]);
+            out.root.set_column(j, &column);
+        }
+        out
     }
 
     fn joint(
@@ -232,10 +250,40 @@ impl<const N: usize> Diffuse<N> {
         joint
     }
 
+    /// Largest entry of each column of the product of the transitions so far.
+    pub(crate) fn reach(&self) -> Vector<N> {
+        column_sizes(&self.phi)
+    }
+
     /// (X of the newest state, X of the lagged state), for gain design.
     pub(crate) fn responses(&self) -> (Matrix<N, N>, Matrix<N, N>) {
         (self.x, self.lag.as_ref().map_or_else(Matrix::zeros, |l| l.x))
     }
+}
+
+/// Estimate of a first state that the rows see only in some directions.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PartialStart<const N: usize> {
+    /// Its mean, zero in the directions that no row sees.
+    pub(crate) mean: Vector<N>,
+    /// A square root of its covariance in the directions that are seen.
+    pub(crate) root: Matrix<N, N>,
+    /// The directions that no row sees, as columns among zeros.
+    blind: Matrix<N, N>,
+    /// Unit of each component.
+    scale: Vector<N>,
+}
+
+impl<const N: usize> PartialStart<N> {
+    /// Whether a state that depends on the first one by `x` is determined: it does not feel the directions that no row sees. `reach`
+    /// holds the largest entry of each column of the product of the transitions.
+    pub(crate) fn determines(&self, x: &Matrix<N, N>, reach: &Vector<N>) -> bool {
+        (x * self.blind).amax() <= RANK_TOLERANCE * reach.component_div(&self.scale).amax()
+    }
+}
+
+fn column_sizes<const N: usize>(m: &Matrix<N, N>) -> Vector<N> {
+    Vector::from_fn(|j, _| m.column(j).amax())
 }
 
 fn largest_first<const N: usize>(values: &Vector<N>) -> [usize; N] {

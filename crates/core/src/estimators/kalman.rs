@@ -137,11 +137,11 @@ pub(crate) fn joseph<const N: usize>(
     ph: &Vector<N>,
     gain: &Vector<N>,
 ) -> Matrix<N, N> {
-    let size = h.norm_squared();
-    if size == 0.0 {
+    let known = h.dot(ph);
+    if !(known > 0.0) {
         return *p;
     }
-    let left_h = ph - gain * h.dot(ph);
+    let left_h = ph - gain * known;
     let mut out = *p;
     for j in 0..N {
         for i in 0..=j {
@@ -151,14 +151,15 @@ pub(crate) fn joseph<const N: usize>(
             out[(j, i)] = v;
         }
     }
-    // Along h the exact result is known without subtraction, P⁺h = k r: put it there, or a small r would drown in rounding.
-    let inverse = 1.0 / size;
+    // Along h the exact result is known without subtraction, P⁺h = k r: put it there, or a small r would drown in rounding. What is
+    // missing is made up along P h, in each state's own unit: along h itself, a state known well would take on the errors of others.
+    let inverse = 1.0 / known;
     let missing = (gain * var - out * h) * inverse;
     let half = 0.5 * h.dot(&missing) * inverse;
-    let side = missing - h * half;
+    let side = missing - ph * half;
     for j in 0..N {
         for i in 0..=j {
-            let v = out[(i, j)] + side[i] * h[j] + h[i] * side[j];
+            let v = out[(i, j)] + side[i] * ph[j] + ph[i] * side[j];
             out[(i, j)] = v;
             out[(j, i)] = v;
         }

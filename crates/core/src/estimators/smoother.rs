@@ -13,7 +13,7 @@
 //! `s` is the unknown first state of a [`Diffuse`] pass, solved for from all data; with a prior, X = 0 and its terms vanish.
 //! `P − P N P` of the adjoint (Bryson–Frazier) form would lose all digits where the prediction is much vaguer than the smoothed state.
 
-use crate::estimators::diffuse::Diffuse;
+use crate::estimators::diffuse::{Diffuse, PartialStart};
 use crate::linalg::{LeastSquares, semidefinite_factor, symmetrised};
 use crate::types::{Belief, Matrix, Row, Vector};
 
@@ -46,6 +46,8 @@ pub struct Instant<const N: usize> {
     pub x: Matrix<N, N>,
     /// Prediction covariance given `s`.
     pub p: Matrix<N, N>,
+    /// Largest entry of each column of the product of the transitions up to here: the scale of what `x` forgets.
+    pub reach: Vector<N>,
     /// How many rows it took.
     pub rows: usize,
 }
@@ -53,7 +55,14 @@ pub struct Instant<const N: usize> {
 impl<const N: usize> Instant<N> {
     /// A placeholder for storage.
     pub fn zero() -> Self {
-        Self { arrive: Arrive::still(), a: Vector::zeros(), x: Matrix::zeros(), p: Matrix::zeros(), rows: 0 }
+        Self {
+            arrive: Arrive::still(),
+            a: Vector::zeros(),
+            x: Matrix::zeros(),
+            p: Matrix::zeros(),
+            reach: Vector::zeros(),
+            rows: 0,
+        }
     }
 }
 
@@ -73,6 +82,7 @@ impl<const N: usize> Forward<N> {
             pass.a = prior.mean;
             pass.p = prior.cov;
             pass.x = Matrix::zeros();
+            pass.stop_watching();
         }
         Self { pass, diffuse: prior.is_none(), failed: false }
     }
@@ -80,10 +90,14 @@ impl<const N: usize> Forward<N> {
     /// Moves to the next instant and returns what is to be kept of it; without `arrive` it is the first.
     pub fn leap(&mut self, arrive: Option<&Arrive<N>>) -> Instant<N> {
         if let Some(arrive) = arrive {
+            if self.pass.determines_start() {
+                self.pass.stop_watching();
+            }
             self.pass.leap(&arrive.f, &arrive.offset, &arrive.q);
         }
         let arrive = arrive.copied().unwrap_or_else(Arrive::still);
-        Instant { arrive, a: self.pass.a, x: self.pass.x, p: self.pass.p, rows: 0 }
+        let Diffuse { a, x, p, .. } = self.pass;
+        Instant { arrive, a, x, p, reach: self.pass.reach(), rows: 0 }
     }
 
     /// Takes one row of the present instant. Once a covariance leaves the range of numbers, nothing is determined any more.
@@ -91,15 +105,20 @@ impl<const N: usize> Forward<N> {
         self.failed |= self.pass.update(row).is_err();
     }
 
-    /// The unknown first state, solved for; `None` while the data do not determine it.
-    pub fn start_state(&self) -> Option<StartState<N>> {
+    /// The unknown first state, solved for as far as the data see it.
+    pub fn start_state(&self) -> StartState<N> {
+        let mean = Vector::zeros();
         if self.failed {
-            return None;
+            return StartState { mean, spread: Spread::Failed };
         }
         if !self.diffuse {
-            return Some(StartState { mean: Vector::zeros(), info: None });
+            return StartState { mean, spread: Spread::None };
         }
-        self.pass.determines_start().then(|| StartState::of(self.pass.info))
+        if self.pass.determines_start() {
+            return StartState::of(self.pass.info);
+        }
+        let partial = self.pass.partial_start();
+        StartState { mean: partial.mean, spread: Spread::Partial(partial) }
     }
 
     /// As [`Forward::start_state`], with a weak prior of mean 0 and the given standard deviations on the first state.
@@ -118,13 +137,30 @@ impl<const N: usize> Forward<N> {
 #[derive(Clone, Copy, Debug)]
 pub struct StartState<const N: usize> {
     mean: Vector<N>,
-    /// Its information; `None` when the start was known by a prior.
-    info: Option<LeastSquares<N>>,
+    spread: Spread<N>,
+}
+
+/// Its uncertainty.
+#[derive(Clone, Copy, Debug)]
+enum Spread<const N: usize> {
+    /// The start was known by a prior.
+    None,
+    /// The data determine it.
+    Full(LeastSquares<N>),
+    /// The data determine it in some directions.
+    Partial(PartialStart<N>),
+    /// The forward pass left the range of numbers.
+    Failed,
 }
 
 impl<const N: usize> StartState<N> {
     fn of(info: LeastSquares<N>) -> Self {
-        Self { mean: info.right_solve(&Matrix::identity()) * info.y, info: Some(info) }
+        Self { mean: info.right_solve(&Matrix::identity()) * info.y, spread: Spread::Full(info) }
+    }
+
+    /// Whether the data determine the whole of it.
+    pub fn is_determined(&self) -> bool {
+        !matches!(self.spread, Spread::Partial(_) | Spread::Failed)
     }
 }
 
@@ -147,35 +183,42 @@ impl<'a, const N: usize> Backward<'a, N> {
         self.later.add(&(row.h * weight), row.residual * weight);
     }
 
-    /// Returns the smoothed belief at an instant once its rows are in, relative to the point of linearisation.
-    pub fn smoothed(&self, at: &Instant<N>) -> Belief<N> {
+    /// Returns the smoothed belief at an instant once its rows are in, relative to the point of linearisation; `None` when the data do
+    /// not determine it.
+    pub fn smoothed(&self, at: &Instant<N>) -> Option<Belief<N>> {
+        match &self.start.spread {
+            Spread::Failed => return None,
+            Spread::Partial(partial) if !partial.determines(&at.x, &at.reach) => return None,
+            _ => {}
+        }
         let (u, y) = (&self.later.r, &self.later.y);
         let l = semidefinite_factor(&at.p);
         let ul = u * l;
-        let g = semidefinite_factor(&symmetrised(&(Matrix::identity() + ul.tr_mul(&ul))));
-        let root = solve_right_transposed(&g, &l);
+        let root = identity_plus(&ul).right_solve(&l);
         let m = at.a + at.x * self.start.mean;
         let pull = |v: &Vector<N>| root * root.tr_mul(&u.tr_mul(v));
         let mean = m + pull(&(y - u * m));
         let mut cov = root * root.transpose();
-        if let Some(info) = &self.start.info {
-            let response = at.x - root * root.tr_mul(&u.tr_mul(&(u * at.x)));
-            let spread = info.right_solve(&response);
-            cov += spread * spread.transpose();
-        }
-        Belief { mean, cov: symmetrised(&cov) }
+        let response = at.x - root * root.tr_mul(&u.tr_mul(&(u * at.x)));
+        let spread = match &self.start.spread {
+            Spread::None | Spread::Failed => Matrix::zeros(),
+            Spread::Full(info) => info.right_solve(&response),
+            Spread::Partial(partial) => response * partial.root,
+        };
+        cov += spread * spread.transpose();
+        Some(Belief { mean, cov: symmetrised(&cov) })
     }
 
     /// Goes back over the transition that led to the instant just left.
     pub fn leap(&mut self, arrive: &Arrive<N>) {
         let u = &self.later.r;
-        let g = semidefinite_factor(&symmetrised(&(Matrix::identity() + u * arrive.q * u.transpose())));
+        let g = identity_plus(&(u * semidefinite_factor(&arrive.q)).transpose());
         let mut rows = u * arrive.f;
         let mut y = self.later.y - u * arrive.offset;
         let mut before = LeastSquares::new();
         for i in 0..N {
             for k in 0..i {
-                let l = g[(i, k)];
+                let l = g.r[(k, i)];
                 for j in 0..N {
                     let t = rows[(k, j)];
                     rows[(i, j)] -= l * t;
@@ -183,7 +226,7 @@ impl<'a, const N: usize> Backward<'a, N> {
                 let t = y[k];
                 y[i] -= l * t;
             }
-            let d = 1.0 / g[(i, i)];
+            let d = 1.0 / g.r[(i, i)];
             for j in 0..N {
                 rows[(i, j)] *= d;
             }
@@ -194,33 +237,24 @@ impl<'a, const N: usize> Backward<'a, N> {
     }
 }
 
-/// Returns `M G⁻ᵀ` for a lower triangular G.
-fn solve_right_transposed<const N: usize>(g: &Matrix<N, N>, m: &Matrix<N, N>) -> Matrix<N, N> {
-    let mut x = *m;
-    for j in 0..N {
-        for k in 0..j {
-            let l = g[(j, k)];
-            for i in 0..N {
-                let t = x[(i, k)];
-                x[(i, j)] -= t * l;
-            }
-        }
-        let d = 1.0 / g[(j, j)];
-        for i in 0..N {
-            x[(i, j)] *= d;
-        }
+/// Returns the triangular factor of `I + MᵀM` without forming it: beside a large M the identity would drown in rounding.
+fn identity_plus<const N: usize>(m: &Matrix<N, N>) -> LeastSquares<N> {
+    let mut factor = LeastSquares { r: Matrix::identity(), y: Vector::zeros() };
+    for i in 0..N {
+        factor.add(&m.row(i).transpose(), 0.0);
     }
-    x
+    factor
 }
 
-/// Smooths a whole forward pass: hands each instant's index and belief to `visit`, newest first.
+/// Smooths a whole forward pass: hands each instant's index and belief to `visit`, newest first; `None` where the data do not
+/// determine it.
 ///
 /// `rows` holds the rows of all instants one after the other.
 pub fn smooth<const N: usize>(
     start: &StartState<N>,
     instants: &[Instant<N>],
     rows: &[Row<N>],
-    mut visit: impl FnMut(usize, Belief<N>),
+    mut visit: impl FnMut(usize, Option<Belief<N>>),
 ) {
     let mut backward = Backward::new(start);
     let mut end = rows.len();

@@ -9,6 +9,8 @@
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 
+pub mod fixed;
+pub mod nonlinear;
 pub mod random;
 
 /// The matrices of one instant: its measurement, and the leap from it to the next.
@@ -104,21 +106,18 @@ impl Run {
         let Verdict::Determined(estimate) = quiet.least_squares() else { return quiet.least_squares() };
         // The estimate is linear in the data: its gain column by column.
         let zero = DVector::zeros(s.z.len());
-        let apply = |z: DVector<f64>| match (Stretch { z, known: DVector::zeros(s.known.len()), ..quiet.clone_parts() })
-            .least_squares()
-        {
-            Verdict::Determined(p) => p.mean,
-            _ => unreachable!("the data determine it whatever they are"),
-        };
-        let gain = DMatrix::from_columns(
-            &(0..s.z.len())
-                .map(|i| {
-                    let mut unit = zero.clone();
-                    unit[i] = 1.0;
-                    apply(unit)
-                })
-                .collect::<Vec<_>>(),
-        );
+        let n = s.known.len();
+        let apply =
+            |z: DVector<f64>| match (Stretch { z, known: DVector::zeros(n), ..quiet.clone_parts() }).least_squares() {
+                Verdict::Determined(p) => p.mean,
+                _ => unreachable!("the data determine it whatever they are"),
+            };
+        let mut gain = DMatrix::zeros(n, s.z.len());
+        for i in 0..s.z.len() {
+            let mut unit = zero.clone();
+            unit[i] = 1.0;
+            gain.set_column(i, &apply(unit));
+        }
         let felt = &gain * &s.psi - &s.theta;
         let cov = &felt * &s.noise * felt.transpose() + &gain * &s.r * gain.transpose();
         Verdict::Determined(Posterior { mean: estimate.mean, cov })
@@ -189,16 +188,7 @@ impl Run {
             true => DMatrix::zeros(0, cols),
             false => DMatrix::from_rows(&parts),
         };
-        Stretch {
-            phi,
-            theta,
-            known,
-            o: stacked(o, n),
-            psi: stacked(psi, n * leaps),
-            r,
-            z: DVector::from_vec(z),
-            noise,
-        }
+        Stretch { phi, theta, known, o: stacked(o, n), psi: stacked(psi, n * leaps), r, z: DVector::from_vec(z), noise }
     }
 }
 
@@ -216,55 +206,30 @@ impl Stretch {
         }
     }
 
+    /// The first state is `mean` plus one more noise of covariance `cov`.
     fn conditioned(&self, mean: &DVector<f64>, cov: &DMatrix<f64>) -> Posterior {
-        let (n, m) = (mean.len(), self.noise.nrows());
-        let beside = |a: &DMatrix<f64>, b: &DMatrix<f64>| {
-            let mut out = DMatrix::zeros(a.nrows(), n + m);
-            out.view_mut((0, 0), a.shape()).copy_from(a);
-            out.view_mut((0, n), b.shape()).copy_from(b);
-            out
-        };
-        let (theta, psi) = (beside(&self.phi, &self.theta), beside(&self.o, &self.psi));
-        let mut sigma = DMatrix::zeros(n + m, n + m);
-        sigma.view_mut((0, 0), (n, n)).copy_from(cov);
-        sigma.view_mut((n, n), (m, m)).copy_from(&self.noise);
-        let prior_mean = &self.phi * mean + &self.known;
-        let prior_cov = &theta * &sigma * theta.transpose();
-        if self.z.is_empty() {
-            return Posterior { mean: prior_mean, cov: prior_cov };
-        }
-        let cross = &psi * &sigma * theta.transpose();
-        let s = (&psi * &sigma * psi.transpose() + &self.r).cholesky().expect("R is positive definite");
-        let gain = s.solve(&cross).transpose();
-        Posterior {
-            mean: prior_mean + &gain * (&self.z - &self.o * mean),
-            cov: prior_cov - &gain * cross,
-        }
+        let n = mean.len();
+        let root = square_root(cov);
+        let noise = square_root(&self.noise);
+        let theta = beside(&(&self.phi * &root), &(&self.theta * &noise));
+        let psi = beside(&(&self.o * &root), &(&self.psi * &noise));
+        let z = &self.z - &self.o * mean;
+        let none = DMatrix::zeros(n, 0);
+        let mut found = solve(&none, &theta, &DMatrix::zeros(z.len(), 0), &psi, &self.r, &z, 0);
+        found.mean += &self.phi * mean + &self.known;
+        found
     }
 
     fn least_squares(&self) -> Verdict {
         let n = self.phi.nrows();
-        let rows = self.z.len();
-        let s = (&self.psi * &self.noise * self.psi.transpose() + &self.r).cholesky();
-        let root = if rows > 0 { s.as_ref().expect("R is positive definite").l() } else { DMatrix::zeros(0, 0) };
-        let whitened = |m: &DMatrix<f64>| match rows {
-            0 => m.clone(),
-            _ => root.solve_lower_triangular(m).expect("its diagonal is positive"),
-        };
         // The contract's test of observability is on the noise-free window: its rows whitened by R alone, its columns scaled.
-        let plain = if rows > 0 {
-            let root = self.r.clone().cholesky().expect("R is positive definite").l();
-            root.solve_lower_triangular(&self.o).expect("its diagonal is positive")
-        } else {
-            self.o.clone()
-        };
-        let (seen, scale, v) = scaled_svd(&plain, n);
+        let (seen, scale, v) = scaled_svd(&whitened(&self.r, &self.o), n);
         let largest = seen.max();
         let reach = DMatrix::from_fn(n, n, |i, j| self.phi[(i, j)] / scale[j]);
         let mut rank = 0;
         for (sigma, direction) in seen.iter().zip(v.column_iter()) {
             let ratio = if largest > 0.0 { sigma / largest } else { 0.0 };
-            if ratio > 1e-6 {
+            if ratio > 1e-4 {
                 rank += 1;
             } else if ratio > 1e-14 {
                 return Verdict::Borderline;
@@ -277,25 +242,73 @@ impl Stretch {
                 }
             }
         }
-        let o = whitened(&self.o);
-        let z = whitened(&DMatrix::from_column_slice(rows, 1, self.z.as_slice()));
-        let (weights, scale, v) = scaled_svd(&o, n);
-        let mut order: Vec<usize> = (0..n).collect();
-        order.sort_by(|i, j| weights[*j].total_cmp(&weights[*i]));
-        let mut inverse = DMatrix::zeros(n, n); // N⁻¹ on the directions that are seen
-        for i in order.into_iter().take(rank) {
-            let direction = DVector::from_fn(n, |k, _| v[(k, i)] / scale[k] / weights[i]);
-            inverse += &direction * direction.transpose();
-        }
-        let psi = whitened(&self.psi);
-        let k2 = &self.theta * &self.noise * psi.transpose();
-        let d = &self.phi - &k2 * &o;
-        let start = &inverse * o.transpose() * &z;
-        let mean = &self.phi * &start + &self.known + &k2 * (&z - &o * &start);
-        let cov = &d * &inverse * d.transpose() + &self.theta * &self.noise * self.theta.transpose()
-            - &k2 * &psi * &self.noise * self.theta.transpose();
-        Verdict::Determined(Posterior { mean: mean.column(0).into_owned(), cov })
+        let noise = square_root(&self.noise);
+        let (theta, psi) = (&self.theta * &noise, &self.psi * &noise);
+        let mut found = solve(&self.phi, &theta, &self.o, &psi, &self.r, &self.z, n - rank);
+        found.mean += &self.known;
+        Verdict::Determined(found)
     }
+}
+
+/// Least squares for an unknown `s` and for noises `e` of unit variance from `z = O s + Ψ e + v`; estimates `Φ s + Θ e`. The `blind`
+/// weakest directions are left out: no row sees them, and what is estimated does not feel them.
+fn solve(
+    phi: &DMatrix<f64>,
+    theta: &DMatrix<f64>,
+    o: &DMatrix<f64>,
+    psi: &DMatrix<f64>,
+    r: &DMatrix<f64>,
+    z: &DVector<f64>,
+    blind: usize,
+) -> Posterior {
+    let (unknown, noises) = (o.ncols(), psi.ncols());
+    let cols = unknown + noises;
+    let mut data = DMatrix::zeros(z.len() + noises, cols);
+    data.view_mut((0, 0), (z.len(), cols)).copy_from(&whitened(r, &beside(o, psi)));
+    data.view_mut((z.len(), unknown), (noises, noises)).copy_from(&DMatrix::identity(noises, noises));
+    let mut values = DVector::zeros(z.len() + noises);
+    values
+        .rows_mut(0, z.len())
+        .copy_from(&whitened(r, &DMatrix::from_column_slice(z.len(), 1, z.as_slice())).column(0));
+    let (sigma, scale, v) = scaled_svd(&data, cols);
+    let mut order: Vec<usize> = (0..cols).collect();
+    order.sort_by(|i, j| sigma[*j].total_cmp(&sigma[*i]));
+    let reach = beside(phi, theta);
+    let mut mean = DVector::zeros(phi.nrows());
+    let mut cov = DMatrix::zeros(phi.nrows(), phi.nrows());
+    for i in order.into_iter().take(cols - blind) {
+        let direction = DVector::from_fn(cols, |k, _| v[(k, i)] / scale[k] / sigma[i]);
+        let felt = &reach * &direction;
+        mean += &felt * (&data * &direction).dot(&values);
+        cov += &felt * felt.transpose();
+    }
+    Posterior { mean, cov }
+}
+
+fn beside(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
+    let mut out = DMatrix::zeros(a.nrows(), a.ncols() + b.ncols());
+    out.view_mut((0, 0), a.shape()).copy_from(a);
+    out.view_mut((0, a.ncols()), b.shape()).copy_from(b);
+    out
+}
+
+/// `L⁻¹ m` with `R = L Lᵀ`.
+fn whitened(r: &DMatrix<f64>, m: &DMatrix<f64>) -> DMatrix<f64> {
+    if m.nrows() == 0 {
+        return m.clone();
+    }
+    let root = r.clone().cholesky().expect("R is positive definite").l();
+    root.solve_lower_triangular(m).expect("its diagonal is positive")
+}
+
+/// `F` with `F Fᵀ = m`, for a positive semidefinite `m`.
+fn square_root(m: &DMatrix<f64>) -> DMatrix<f64> {
+    if m.nrows() == 0 {
+        return m.clone();
+    }
+    let eigen = ((m + m.transpose()) * 0.5).symmetric_eigen();
+    let roots = eigen.eigenvalues.map(|l| l.max(0.0).sqrt());
+    eigen.eigenvectors * DMatrix::from_diagonal(&roots)
 }
 
 /// Singular values and right vectors of `m` with its columns scaled to unit length, and the scales (1 for a column of zeros).
@@ -321,8 +334,8 @@ fn scaled_svd(m: &DMatrix<f64>, n: usize) -> (DVector<f64>, DVector<f64>, DMatri
 pub fn deviation(mean: &[f64], cov: impl Fn(usize, usize) -> f64, truth: &Posterior) -> f64 {
     let n = truth.mean.len();
     assert_eq!(mean.len(), n);
-    // A component known exactly has no scale of its own: rounding is relative to the largest one.
-    let floor = 1e-9 * truth.cov.diagonal().max().max(1e-300).sqrt();
+    // A component known nearly exactly has no scale of its own: rounding is relative to the largest one.
+    let floor = 1e-2 * truth.cov.diagonal().max().max(1e-300).sqrt();
     let sd: Vec<f64> = (0..n).map(|i| truth.cov[(i, i)].max(0.0).sqrt().max(floor)).collect();
     let size = truth.mean.amax();
     let mut worst: f64 = 0.0;

@@ -22,7 +22,7 @@ pub use stats::Quantiles;
 pub use timing::{Late, Silences};
 
 use crate::anchors::Anchors;
-use crate::packet::{AnchorId, Kind, Packet};
+use crate::packet::{AnchorId, Content, Kind, Packet};
 use crate::target::TargetPackets;
 use noise::{Liveliness, Samples};
 use std::collections::BTreeMap;
@@ -176,9 +176,9 @@ pub fn survey(targets: &[TargetPackets], anchors: &Anchors) -> Survey {
     let heard = anchor_rows(targets, anchors);
     let ids: Vec<AnchorId> = (0..anchors.len() as AnchorId).filter(|id| heard[*id as usize] > 0).collect();
     let geometry = Geometry::of(anchors, &ids);
-    let mut kinds: Vec<KindSurvey> =
-        Kind::NAMES.iter().filter_map(|(_, kind)| survey_kind(*kind, targets, &split)).collect();
-    fit_ranges(&mut kinds, targets, &surveyed, anchors, geometry.as_ref());
+    let fit = geometry.as_ref().map(|g| fit_ranges(targets, &surveyed, anchors, g)).unwrap_or_default();
+    let kinds: Vec<KindSurvey> =
+        Kind::NAMES.iter().filter_map(|(_, kind)| survey_kind(*kind, targets, &split, &fit)).collect();
     let total: u64 = heard.iter().sum();
     let mut loss: Option<Loss> = None;
     for one in surveyed.iter().filter_map(|t| t.loss.as_ref()) {
@@ -250,6 +250,17 @@ fn anchor_rows(targets: &[TargetPackets], anchors: &Anchors) -> Vec<u64> {
     rows
 }
 
+impl KindSurvey {
+    /// Standard deviation of errors that neighbouring rows share: what misfit there is beyond jitter.
+    pub fn lasting_sd(&self) -> Option<f64> {
+        lasting_sd(self.fit_sd, self.quick_sd)
+    }
+}
+
+fn lasting_sd(fit_sd: Option<f64>, quick_sd: Option<f64>) -> Option<f64> {
+    Some((fit_sd?.powi(2) - quick_sd?.powi(2)).max(0.0).sqrt())
+}
+
 /// What one series says of its noise and motion.
 struct SeriesSurvey {
     sd: Option<f64>,
@@ -260,6 +271,7 @@ fn survey_kind(
     kind: Kind,
     targets: &[TargetPackets],
     split: &[BTreeMap<series::Source, series::Series>],
+    fit: &RangeFit,
 ) -> Option<KindSurvey> {
     let of_kind = |p: &&Packet| p.content.kind() == kind;
     let rows = targets.iter().flat_map(|t| &t.packets).filter(of_kind).count() as u64;
@@ -285,6 +297,7 @@ fn survey_kind(
     if kind == Kind::Linear {
         return Some(found);
     }
+    let fit_sd = fit.sd.filter(|_| kind == Kind::Range);
     let mut magnitudes = Vec::new();
     let mut columns: [Vec<SeriesSurvey>; 3] = Default::default();
     for (target, sources) in targets.iter().zip(split) {
@@ -296,7 +309,8 @@ fn survey_kind(
                 }
                 magnitudes.extend(samples.value.iter().map(|v| v.abs()));
                 let sd = noise::quick_sd(&samples);
-                let live = sd.and_then(|sd| noise::liveliness(&samples, sd));
+                let live =
+                    sd.and_then(|sd| noise::liveliness(&samples, sd, lasting_sd(fit_sd, Some(sd)).unwrap_or(0.0)));
                 for (i, off) in noise::outliers(&samples, sd.unwrap_or(0.0), OUTLIER_DEVIATIONS) {
                     found.outliers += 1;
                     if found.worst_outlier.as_ref().is_none_or(|w| off.abs() > w.off.abs()) {
@@ -315,6 +329,11 @@ fn survey_kind(
     let plane: Vec<&SeriesSurvey> = columns[0].iter().chain(&columns[1]).collect();
     let height: Vec<&SeriesSurvey> = columns[2].iter().collect();
     found.typical = stats::median(magnitudes);
+    if kind == Kind::Range {
+        found.fit_sd = fit.sd;
+        found.fit_height_m = fit.height_m;
+        found.axes = if fit.spatial { 3 } else { 2 };
+    }
     found.quick_sd = upper(&plane, &|s| s.sd, 0.75);
     found.quick_sd_z = upper(&height, &|s| s.sd, 0.75);
     found.psd = upper(&plane, &|s| s.live.map(|l| l.psd), 0.75);
@@ -323,39 +342,48 @@ fn survey_kind(
     Some(found)
 }
 
-/// Adds what the ranges of one moment say of their noise.
+/// What the ranges of one moment say together.
+#[derive(Default)]
+struct RangeFit {
+    /// Whether they settle the height.
+    spatial: bool,
+    sd: Option<f64>,
+    height_m: Option<f64>,
+}
+
 fn fit_ranges(
-    kinds: &mut [KindSurvey],
     targets: &[TargetPackets],
     surveyed: &[TargetSurvey],
     anchors: &Anchors,
-    geometry: Option<&Geometry>,
-) {
-    let Some(range) = kinds.iter_mut().find(|k| k.kind == Kind::Range) else { return };
-    let Some(geometry) = geometry else { return };
-    range.axes = if geometry.settles_height(range.typical.unwrap_or(f64::INFINITY)) { 3 } else { 2 };
+    geometry: &Geometry,
+) -> RangeFit {
+    let ranges = targets.iter().flat_map(|t| &t.packets).filter_map(|p| match p.content {
+        Content::Range { value_m, .. } => Some(value_m),
+        _ => None,
+    });
+    let Some(typical_m) = stats::median(ranges) else { return RangeFit::default() };
+    let spatial = geometry.settles_height(typical_m);
+    let axes = if spatial { 3 } else { 2 };
     let moments: Vec<_> = targets
         .iter()
         .zip(surveyed)
         .map(|(target, timing)| {
             // One report of each source; irregular sources must agree in time.
             let within_s = timing.period_s.map_or(0.0, |p| 0.9 * p);
-            lateration::moments(&target.packets, anchors, range.axes, within_s)
+            lateration::moments(&target.packets, anchors, axes, within_s)
         })
         .collect();
-    let fit =
-        |height_m: f64| stats::median(moments.iter().filter_map(|m| lateration::residual_sd(m, range.axes, height_m)));
-    let Some(mut best) = fit(geometry.height_m) else { return };
-    if range.axes == 2 {
-        // Anchors hang at the ceiling or stand on masts: targets are rather below them than above, and the two look alike.
-        let at_anchors = best;
-        for quarter in 1..=16 {
-            let height_m = geometry.height_m - 0.25 * f64::from(quarter);
-            if let Some(sd) = fit(height_m).filter(|sd| *sd < best.min(0.9 * at_anchors)) {
-                best = sd;
-                range.fit_height_m = Some(height_m);
-            }
+    let fit = |height_m: f64| stats::median(moments.iter().filter_map(|m| lateration::residual_sd(m, axes, height_m)));
+    let mut found = RangeFit { spatial, sd: fit(geometry.height_m), height_m: None };
+    let Some(at_anchors) = found.sd.filter(|_| !spatial) else { return found };
+    // Anchors hang at the ceiling or stand on masts: targets are rather below them than above, and the two look alike.
+    for quarter in 1..=16 {
+        let height_m = geometry.height_m - 0.25 * f64::from(quarter);
+        let best = found.sd.unwrap_or(at_anchors).min(0.9 * at_anchors);
+        if let Some(sd) = fit(height_m).filter(|sd| *sd < best) {
+            found.sd = Some(sd);
+            found.height_m = Some(height_m);
         }
     }
-    range.fit_sd = Some(best);
+    found
 }

@@ -83,12 +83,12 @@ pub(super) struct Liveliness {
     pub psd: f64,
 }
 
-/// Speed and acceleration density of a series with noise `sd`.
+/// Speed and acceleration density of a series with noise `sd`, and errors of `lasting_sd` that neighbours share.
 ///
 /// For `ẍ = w` of density `s` the bend `x(t₁)` against the line through `x(t₁−a)` and `x(t₁+b)` has variance `s a²b²/(3(a + b))`, to which
 /// noise adds `sd²(1 + (a² + b²)/(a + b)²)`. The span is the shortest, in powers of two of the sampling interval, at which motion outweighs
-/// noise: about the memory of a filter. The 90 % quantile of the bends counts, so that a target that rests most of the time still may move.
-pub(super) fn liveliness(samples: &Samples, sd: f64) -> Option<Liveliness> {
+/// all errors: about the memory of a filter. Only the noise is subtracted; what lasting errors bend counts as motion. The 90 % quantile of the bends counts, so that a target that rests most of the time still may move.
+pub(super) fn liveliness(samples: &Samples, sd: f64, lasting_sd: f64) -> Option<Liveliness> {
     let n = samples.t_s.len();
     let step = median(samples.t_s.windows(2).map(|w| w[1] - w[0]))?;
     let mut speed = None;
@@ -113,7 +113,7 @@ pub(super) fn liveliness(samples: &Samples, sd: f64) -> Option<Liveliness> {
                 let motion = a * a * b * b / (3.0 * span);
                 let line = (samples.value[i - lag] * b + samples.value[i + lag] * a) / span;
                 bends.push((samples.value[i] - line).powi(2) / motion);
-                noise.push(sd * sd * (1.0 + (a * a + b * b) / (span * span)) / motion);
+                noise.push((1.0 + (a * a + b * b) / (span * span)) / motion);
             }
         }
         if bends.len() >= ENOUGH {
@@ -121,8 +121,8 @@ pub(super) fn liveliness(samples: &Samples, sd: f64) -> Option<Liveliness> {
             let total = quantile(&ascending(bends), 0.9)? / 2.706;
             let noise = median(noise)?;
             // The longest span leaves the smallest value that noise can hide.
-            psd = Some((total - noise).max(0.1 * noise));
-            if total > 2.0 * noise {
+            psd = Some((total - sd * sd * noise).max(0.1 * sd * sd * noise));
+            if total > (sd * sd + lasting_sd.max(sd).powi(2)) * noise {
                 break;
             }
         }

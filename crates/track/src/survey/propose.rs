@@ -34,7 +34,7 @@ pub struct Circumstances<'a> {
 }
 
 /// A ranging radio in a room errs by this much even when its readings hardly jitter, metres.
-const LEAST_RANGE_SD: f64 = 0.05;
+const LEAST_RANGE_SD: f64 = 0.1;
 /// A satellite receiver smooths its fixes, so they jitter far less than they err, metres.
 const LEAST_SATELLITE_SD: f64 = 1.5;
 /// A position source of unknown make, metres.
@@ -184,23 +184,35 @@ fn range_sensor(
     position: Option<&KindSurvey>,
 ) -> core::fmt::Result {
     writeln!(out, "\n[[sensor]]\nkind = \"range\"")?;
-    let jitter = range.quick_sd.map_or(String::new(), |q| format!(" (jitter alone: {} m)", short(q)));
     match (range.fit_sd, range.quick_sd) {
-        (Some(_), _) => {
-            writeln!(out, "# How far the ranges of one moment miss the best common point, metres{jitter}.")?
+        (Some(fit), Some(quick)) => {
+            let shared = shared_instants(range, survey);
+            writeln!(
+                out,
+                "# Metres. The ranges of one moment miss the best common point by {} m and jitter by {} m: what",
+                short(fit),
+                short(quick)
+            )?;
+            writeln!(
+                out,
+                "# stays between rows does not average out over the {shared:.0} instants that the filter remembers, so it weighs as much more."
+            )?;
+            let lasting = range.lasting_sd().unwrap_or(0.0);
+            writeln!(out, "sd = {}", rounded((quick.powi(2) + lasting.powi(2) * shared).sqrt().max(LEAST_RANGE_SD)))?;
         }
-        (None, Some(_)) => writeln!(
-            out,
-            "# Three times the jitter from one row to the next, metres: errors that stay, as of walls and anchors, are not seen in it."
-        )?,
-        (None, None) => writeln!(out, "# Too few rows to tell, metres.")?,
+        (Some(fit), None) => {
+            writeln!(out, "# Metres: how far the ranges of one moment miss the best common point.")?;
+            writeln!(out, "sd = {}", rounded(fit.max(LEAST_RANGE_SD)))?;
+        }
+        (None, Some(quick)) => {
+            writeln!(
+                out,
+                "# Metres: three times the jitter from one row to the next, as errors that stay are not seen in it."
+            )?;
+            writeln!(out, "sd = {}", rounded((3.0 * quick).max(LEAST_RANGE_SD)))?;
+        }
+        (None, None) => writeln!(out, "# Metres: too few rows to tell.\nsd = 0.3")?,
     }
-    let sd = match (range.fit_sd, range.quick_sd) {
-        (Some(fit), quick) => fit.max(quick.unwrap_or(0.0)),
-        (None, Some(quick)) => 3.0 * quick,
-        (None, None) => 0.3,
-    };
-    writeln!(out, "sd = {}", rounded(sd.max(LEAST_RANGE_SD)))?;
     if let (2, Some(geometry)) = (axes(position, Some(range)), &survey.geometry) {
         let [low, high] = geometry.heights_m.map(short);
         match range.fit_height_m {
@@ -223,6 +235,17 @@ fn range_sensor(
     robust(out, range)
 }
 
+/// Number of instants that a filter for these ranges averages over.
+///
+/// For a model of constant velocity it is about `(sd² Δt/psd)^¼` seconds.
+fn shared_instants(range: &KindSurvey, survey: &Survey) -> f64 {
+    let period_s = survey.targets.iter().filter_map(|t| t.period_s).fold(f64::INFINITY, f64::min);
+    let (Some(fit), Some(psd)) = (range.fit_sd, range.psd) else { return 1.0 };
+    let memory_s = (fit.powi(2) * period_s / psd.max(LEAST_PSD)).powf(0.25);
+    let instants = memory_s / period_s;
+    if instants.is_finite() { instants.clamp(1.0, 100.0) } else { 1.0 }
+}
+
 fn own_sd(out: &mut String, kind: &KindSurvey) -> core::fmt::Result {
     match kind.with_sd {
         0 => Ok(()),
@@ -230,11 +253,16 @@ fn own_sd(out: &mut String, kind: &KindSurvey) -> core::fmt::Result {
     }
 }
 
-/// Gross errors are gated out when there are any to speak of.
+/// Gross errors can be gated out. Not by default: a gate closes on good data too when a run starts on bad ones.
 fn robust(out: &mut String, kind: &KindSurvey) -> core::fmt::Result {
     if kind.outliers as f64 > 1e-4 * kind.rows as f64 {
-        writeln!(out, "# {} of {} values lie far from their neighbours.", kind.outliers, kind.rows)?;
-        writeln!(out, "robust = \"gate\"       # leaves out what misses its prediction by more than 3 deviations")?;
+        let (outliers, rows) = (kind.outliers, kind.rows);
+        writeln!(
+            out,
+            "# {outliers} of {rows} values lie far from their neighbours. The next line would leave out what misses its"
+        )?;
+        writeln!(out, "# prediction by more than 3 deviations, and everything once a track is lost.")?;
+        writeln!(out, "# robust = \"gate\"")?;
     }
     Ok(())
 }

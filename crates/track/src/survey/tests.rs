@@ -24,8 +24,6 @@ fn packet(t_s: f64, content: Content) -> Packet {
     Packet { t_s, k: None, content, sd: None, seq: None, received_s: None, line: 1 }
 }
 
-use crate::packet::Content;
-
 fn position(t_s: f64, x: f64, y: f64) -> Packet {
     packet(t_s, Content::Position([Some(x), Some(y), None]))
 }

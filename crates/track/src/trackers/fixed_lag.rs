@@ -74,7 +74,7 @@ impl<const N: usize> FixedLag<N> {
         if count == 0 {
             return out;
         }
-        let Some(start) = self.forward.as_ref().and_then(Forward::start_state) else { return out };
+        let Some(start) = self.forward.as_ref().map(Forward::start_state) else { return out };
         let mut backward = Backward::new(&start);
         for (i, held) in self.held.iter().enumerate().rev() {
             if held.forgotten {
@@ -85,7 +85,7 @@ impl<const N: usize> FixedLag<N> {
             }
             if i < count {
                 let belief = backward.smoothed(&held.instant);
-                out[i] = Some(Belief { mean: belief.mean + held.nominal, cov: belief.cov });
+                out[i] = belief.map(|b| Belief { mean: b.mean + held.nominal, cov: b.cov });
             }
             backward.leap(&held.instant.arrive);
         }

@@ -50,6 +50,7 @@ pub struct Fms<const N: usize> {
     inside: usize,
     past: Option<(u64, Option<f64>, Vector<N>)>,
     rows: Vec<Row<N>>,
+    scratch: Vec<Row<N>>,
     /// Instants whose smoothed row is out, by index.
     smoothed_to: Option<u64>,
     /// Whether a row after the last measurement is due: a linear run with a predicting window.
@@ -69,6 +70,7 @@ impl<const N: usize> Fms<N> {
             inside: 0,
             past: None,
             rows: Vec::new(),
+            scratch: Vec::new(),
             smoothed_to: None,
             ends_beyond,
         }
@@ -149,8 +151,8 @@ impl<const N: usize> Fms<N> {
                 window.push(z, u).map_err(StepError::Core)
             }
             Window::Varying(window) => {
-                let mut rows = self.rows.clone();
-                window.push(&arrive.unwrap_or(still()), &mut rows).map_err(StepError::Core)
+                self.scratch.clone_from(&self.rows);
+                window.push(&arrive.unwrap_or(still()), &mut self.scratch).map_err(StepError::Core)
             }
         }
     }
@@ -180,11 +182,11 @@ impl<const N: usize> Fms<N> {
         let joint = self.estimate(lag, leap);
         if let (Some(belief), false, Some(meta)) = (&joint.filter, self.rows.is_empty(), self.metas.back_mut()) {
             // The window has not seen these rows: their residuals are innovations of its prediction.
-            let mut rows = self.rows.clone();
-            for row in &mut rows {
+            self.scratch.clone_from(&self.rows);
+            for row in &mut self.scratch {
                 row.residual -= row.h.dot(&belief.mean);
             }
-            if let Ok((_, evidence)) = kalman::update(belief, &rows, Robust::None) {
+            if let Ok((_, evidence)) = kalman::update(belief, &self.scratch, Robust::None) {
                 meta.nis = Some(evidence.nis);
                 meta.nis_dof = evidence.dof;
             }

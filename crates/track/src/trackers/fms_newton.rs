@@ -6,6 +6,7 @@ use crate::fix::{Sink, Status};
 use crate::heap::Heap;
 use crate::layout::Layout;
 use crate::model::Model;
+use crate::packet::Packet;
 use crate::search::{Kept, KeptWindow, cold_start, enough};
 use crate::spec::{Align, Span};
 use crate::tracker::{Step, Tracker};
@@ -27,6 +28,8 @@ pub struct FmsNewton<const N: usize> {
     kept: VecDeque<Kept>,
     metas: VecDeque<Meta>,
     rows: Vec<Row<N>>,
+    /// Room of instants that have left the window.
+    spare: Vec<Vec<Packet>>,
     smoothed_to: Option<u64>,
 }
 
@@ -45,6 +48,7 @@ impl<const N: usize> FmsNewton<N> {
             kept: VecDeque::new(),
             metas: VecDeque::new(),
             rows: Vec::new(),
+            spare: Vec::new(),
             smoothed_to: None,
         })
     }
@@ -62,7 +66,7 @@ impl<const N: usize> FmsNewton<N> {
 
     fn slide(&mut self, newest_s: Option<f64>) {
         let gone = outside(self.spec.window, self.kept.iter().map(|k| k.t_s), newest_s);
-        self.kept.drain(..gone);
+        self.spare.extend(self.kept.drain(..gone).map(|k| k.packets));
         self.newton.drop_front(gone);
     }
 
@@ -76,7 +80,7 @@ impl<const N: usize> FmsNewton<N> {
             self.newton = Newton::new(larger).ok_or_else(|| no_room(larger))?;
         }
         let cold = cold_start(&self.model, self.kept.iter());
-        let mut view = KeptWindow { model: &self.model, kept: &self.kept, rows: Vec::new() };
+        let mut view = KeptWindow { model: &self.model, kept: &self.kept, rows: &mut self.rows };
         let len = self.kept.len();
         self.newton.solve(&mut view, len, lagged.filter(|i| *i < len), &cold).map_err(StepError::Core)
     }
@@ -110,7 +114,8 @@ impl<const N: usize> Tracker for FmsNewton<N> {
         let mut meta = Meta { k: step.k, t_s: step.t_s, status: Status::Predicted, nis: None, nis_dof: 0, arrived };
         match self.spec.align {
             Align::Filtered => {
-                self.kept.push_back(Kept::new(step, dt_s));
+                let room = self.spare.pop().unwrap_or_default();
+                self.kept.push_back(Kept::new(step, dt_s, room));
                 self.slide(step.t_s);
                 meta.status = if arrived { Status::Updated } else { Status::Predicted };
                 self.metas.push_back(meta);
@@ -153,7 +158,8 @@ impl<const N: usize> Tracker for FmsNewton<N> {
                     }
                 }
                 self.emit(sink, &joint, lagged);
-                self.kept.push_back(Kept::new(step, dt_s));
+                let room = self.spare.pop().unwrap_or_default();
+                self.kept.push_back(Kept::new(step, dt_s, room));
             }
         }
         Ok(())

@@ -43,11 +43,9 @@ impl<const N: usize> Rts<N> {
             instant.rows = at.rows.len();
             instants.push(instant);
         }
-        if let Some(start) = forward.start_state() {
-            smooth(&start, &instants, &rows, |i, belief| {
-                out[first + i] = Some(Belief { mean: belief.mean + run[i].nominal, cov: belief.cov });
-            });
-        }
+        smooth(&forward.start_state(), &instants, &rows, |i, belief| {
+            out[first + i] = belief.map(|b| Belief { mean: b.mean + run[i].nominal, cov: b.cov });
+        });
         out
     }
 }

@@ -67,7 +67,7 @@ pub fn verify(text: &str, file: &Path) -> Result<FileVerdict, BuildError> {
         (format, schema, kind) => {
             let found: Vec<String> = [("format", format), ("schema", schema), ("kind", kind)]
                 .into_iter()
-                .filter_map(|(key, value)| value.map(|v| format!("{key} `{v}`")))
+                .filter_map(|(key, value)| value.map(|v| format!("{key} `{}`", shortened(&v))))
                 .collect();
             let found = if found.is_empty() { "names no format, schema or kind".to_owned() } else { found.join(", ") };
             let what = format!(
@@ -77,6 +77,15 @@ pub fn verify(text: &str, file: &Path) -> Result<FileVerdict, BuildError> {
         }
     };
     Ok(FileVerdict { file: file.display().to_string(), kind, quantities })
+}
+
+/// The start of a long text: some files explain themselves at length where a name is expected.
+fn shortened(text: &str) -> String {
+    const MOST: usize = 40;
+    match text.char_indices().nth(MOST) {
+        Some((end, _)) => format!("{}…", &text[..end]),
+        None => text.to_owned(),
+    }
 }
 
 /// How a deviation is scaled.

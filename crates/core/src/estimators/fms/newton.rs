@@ -158,16 +158,19 @@ impl<const N: usize, S: Store> Newton<N, S> {
             self.instants.as_mut()[i] = instant;
         }
         let start = match damping {
-            Some(spread) => Some(forward.damped_start(spread)),
+            Some(spread) => forward.damped_start(spread),
             None => forward.start_state(),
         };
-        let Some(start) = start else { return Ok(None) };
+        if !start.is_determined() {
+            return Ok(None);
+        }
         let solved = joint.solve();
         let nominal = self.nominal.as_mut();
         let newest = nominal[self.len - 1];
         let oldest = lagged.map(|i| nominal[i]);
         let mut largest: f64 = 0.0;
-        smooth(&start, &self.instants.as_ref()[..self.len], &self.rows.as_ref()[..count], |i, delta: Belief<N>| {
+        smooth(&start, &self.instants.as_ref()[..self.len], &self.rows.as_ref()[..count], |i, delta| {
+            let Some(delta) = delta else { return };
             for c in 0..N {
                 let sd = libm::sqrt(delta.cov[(c, c)].max(f64::MIN_POSITIVE));
                 // NaN must not be lost in a maximum.
