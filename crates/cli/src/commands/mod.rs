@@ -1,0 +1,7 @@
+//! One file per command.
+
+pub mod check;
+pub mod demo;
+pub mod list;
+pub mod track;
+pub mod verify;

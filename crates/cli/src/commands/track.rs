@@ -1,0 +1,285 @@
+//! `fixtrail track`: measurements in, trail out.
+
+mod summary;
+
+use crate::data::{Data, DataArguments, SpecText, Wanted};
+use crate::failure::Failure;
+use crate::output::{Results, say};
+use crate::progress::Progress;
+use crate::{scores, whole};
+use clap::{Args, ValueEnum};
+use fixtrail_batch::{
+    Input, Order, OutFormat, Output, Table, WriteError, WriteOptions, read_truth, run_tracks, write_trails,
+};
+use fixtrail_report::{Page, Series, render};
+use fixtrail_sim::metrics::Score;
+use fixtrail_track::pipeline::{TrackError, track};
+use fixtrail_track::registry;
+use fixtrail_track::spec::EstimatorSpec;
+use fixtrail_track::target::TargetTrail;
+use fixtrail_track::trackers::LaggedMode;
+use fixtrail_track::truth::TargetTruth;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Instant;
+use summary::Summary;
+
+/// Turn measurements into trails with honest uncertainty
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  fixtrail track measurements.csv -o trail.csv
+  fixtrail track -c spec.toml measurements.csv -o trail.parquet --truth truth.csv --report report.html
+  cat measurements.ndjson | fixtrail track -c spec.toml - --format ndjson -o - | head
+
+Without a spec the one that `fixtrail check` would propose is used; --write-spec saves it.")]
+pub struct Arguments {
+    #[command(flatten)]
+    data: DataArguments,
+    /// The trail: .csv, .parquet, .ndjson or .geojson; `-` is standard output
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// Known positions to compare with (t,target,x,y,z)
+    #[arg(long, value_name = "FILE")]
+    truth: Option<PathBuf>,
+    /// Write a self-contained HTML page
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+    /// Add the packed covariance to the trail
+    #[arg(long)]
+    covariance: bool,
+    /// Filter and smoother side by side, or the smoother only [default: the estimator's own]
+    #[arg(long, value_enum)]
+    lagged: Option<Lagged>,
+    /// Order of the rows
+    #[arg(long, value_enum, default_value = "target")]
+    order: OrderName,
+    /// Number of threads [default: one per processor]; the trail does not depend on it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Lagged {
+    /// Filter and smoother side by side
+    Both,
+    /// The smoother only
+    Only,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum OrderName {
+    /// By target, then time
+    Target,
+    /// By time, then target
+    Time,
+}
+
+impl Arguments {
+    fn mode(&self) -> LaggedMode {
+        match self.lagged {
+            None => LaggedMode::Own,
+            Some(Lagged::Both) => LaggedMode::Both,
+            Some(Lagged::Only) => LaggedMode::Only,
+        }
+    }
+
+    fn destination(&self) -> Output {
+        if self.output.as_os_str() == "-" { Output::Stdout } else { Output::File(self.output.clone()) }
+    }
+
+    /// Where results go that are not the trail.
+    fn results(&self) -> Results {
+        if self.destination() == Output::Stdout { Results::Stderr } else { Results::Stdout }
+    }
+
+    /// Finds out before the run what would stop it at its end.
+    fn check_outputs(&self) -> Result<OutFormat, Failure> {
+        let destination = self.destination();
+        let format = OutFormat::of(&destination).map_err(|e| write_failure(e, &self.output))?;
+        let mut outputs: Vec<(&str, &Path)> = Vec::new();
+        if let Output::File(path) = &destination {
+            outputs.push(("trail", path));
+        }
+        outputs.extend(self.report.as_deref().map(|p| ("report", p)));
+        outputs.extend(self.data.write_spec.as_deref().map(|p| ("spec", p)));
+        let mut inputs = self.data.files();
+        inputs.extend(self.truth.as_deref().map(|p| ("truth", p)));
+        whole::apart(&outputs, &inputs)?;
+        outputs.iter().try_for_each(|(_, path)| whole::check(path))?;
+        Ok(format)
+    }
+}
+
+/// What the run made.
+struct Outcome {
+    trails: Vec<TargetTrail>,
+    truth: Vec<TargetTruth>,
+    score: Option<Score>,
+    /// The smoother's comparison, when both stand side by side.
+    smoother: Option<(Vec<TargetTrail>, Option<Score>)>,
+    seconds: f64,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// [`Failure::Bad`] for input or spec that cannot be used and outputs that cannot be written, [`Failure::Run`] when a step
+/// cannot be taken.
+pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    let format = arguments.check_outputs()?;
+    if let Some(threads) = arguments.threads {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global();
+        pool.map_err(|e| Failure::Run(format!("{threads} threads cannot be started: {e}")))?;
+    }
+    let Data { table, survey, spec, unused } = arguments.data.load(Wanted::Spec)?;
+    let spec = spec.map_err(|why| arguments.data.no_spec(&why))?;
+    check_mode(&spec, arguments.lagged)?;
+    spec.try_build(&table, arguments.mode())?;
+    let truth = match &arguments.truth {
+        Some(path) => comparable_truth(path, &table, &spec)?,
+        None => Vec::new(),
+    };
+    announce(arguments, &spec);
+    let outcome = track_all(arguments, &table, &spec, truth)?;
+
+    let options = WriteOptions {
+        covariance: arguments.covariance,
+        order: match arguments.order {
+            OrderName::Target => Order::Target,
+            OrderName::Time => Order::Time,
+        },
+        format,
+    };
+    let layout = registry::layout(&spec.spec);
+    let page = arguments.report.as_ref().map(|_| page(arguments, &table, &spec, &outcome));
+    write_trails(&arguments.destination(), &outcome.trails, &layout, &table, &options)
+        .map_err(|e| write_failure(e, &arguments.output))?;
+    if let (Some(path), Some(page)) = (&arguments.report, page) {
+        whole::write(path, page.as_bytes())?;
+    }
+    if let Some(path) = &arguments.data.write_spec {
+        whole::write(path, spec.text.as_bytes())?;
+    }
+
+    let summary =
+        Summary { arguments, table: &table, survey: survey.as_ref(), spec: &spec, unused: &unused, outcome: &outcome };
+    say(summary.text());
+    if arguments.data.json {
+        arguments.results().json(&summary.json())?;
+    } else if let Some(scores) = summary.scores() {
+        arguments.results().line(scores)?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Refuses `--lagged` where there is no smoother.
+fn check_mode(spec: &SpecText, lagged: Option<Lagged>) -> Result<(), Failure> {
+    let estimator = &spec.spec.estimator;
+    let has_smoother = !matches!(estimator, EstimatorSpec::Kalman | EstimatorSpec::Ekf | EstimatorSpec::Ufir { .. });
+    if lagged.is_none() || has_smoother {
+        return Ok(());
+    }
+    Err(Failure::Bad(format!(
+        "{}: `estimator.kind` is \"{}\", which has no smoother: `--lagged` expects \"rts\", \"fixed-lag-kalman\" or \"fms\"",
+        spec.name().display(),
+        estimator.name()
+    )))
+}
+
+/// The truth, if trails of this spec can be compared with it.
+fn comparable_truth(path: &Path, table: &Table, spec: &SpecText) -> Result<Vec<TargetTruth>, Failure> {
+    if registry::layout(&spec.spec).is_linear() {
+        return Err(Failure::Bad(format!(
+            "{}: `model.kind` is \"linear\", `--truth` expects a model with positions",
+            spec.name().display()
+        )));
+    }
+    Ok(read_truth(path, table)?)
+}
+
+/// Says which spec is used when the user gave none.
+fn announce(arguments: &Arguments, spec: &SpecText) {
+    if spec.path.is_some() {
+        return;
+    }
+    match &arguments.data.write_spec {
+        Some(path) => say(format_args!("no spec given: using the one the data suggest, saved to {}", path.display())),
+        None => say("no spec given: using the one the data suggest (--write-spec FILE saves it)"),
+    }
+}
+
+fn track_all(
+    arguments: &Arguments,
+    table: &Table,
+    spec: &SpecText,
+    truth: Vec<TargetTruth>,
+) -> Result<Outcome, Failure> {
+    let mode = arguments.mode();
+    let started = Instant::now();
+    let bar = Progress::packets(table.targets.iter().map(|t| t.packets.len() as u64).sum());
+    let one = |target: &_| track(&spec.spec, &table.anchors, target, mode);
+    let trails = run_tracks(table, one, &|n| bar.add(n)).map_err(|e| match e {
+        TrackError::Build(e) => Failure::from(spec.rename(e)),
+        step => Failure::Run(format!("{}: {step}", input_name(&arguments.data.input()))),
+    })?;
+    drop(bar);
+    let seconds = started.elapsed().as_secs_f64();
+
+    let judge = |kind, trails: &[TargetTrail]| match truth.is_empty() {
+        true => Ok(None),
+        false => scores::judge(&spec.spec, kind, trails, &truth).map(Some).map_err(|what| {
+            let file = arguments.truth.as_deref().unwrap_or(Path::new("-"));
+            Failure::Bad(format!("{}: {what}", file.display()))
+        }),
+    };
+    let score = judge(scores::kind(&spec.spec, mode), &trails)?;
+    let smoother = match mode {
+        LaggedMode::Both => {
+            let alone = scores::smoothers(&trails);
+            let score = judge(fixtrail_sim::metrics::Kind::Smoother, &alone)?;
+            Some((alone, score))
+        }
+        _ => None,
+    };
+    Ok(Outcome { trails, truth, score, smoother, seconds })
+}
+
+fn page(arguments: &Arguments, table: &Table, spec: &SpecText, outcome: &Outcome) -> String {
+    let name = spec.spec.estimator.name();
+    let smoother_name = format!("{name}, smoothed");
+    let mut series = vec![Series { name, trails: &outcome.trails, score: outcome.score.as_ref() }];
+    if let Some((trails, score)) = &outcome.smoother {
+        series.push(Series { name: &smoother_name, trails, score: score.as_ref() });
+    }
+    let input = input_name(&arguments.data.input());
+    let subtitle = match &spec.path {
+        Some(path) => format!("{name}, by the spec {}", path.display()),
+        None => format!("{name}, by the spec that the data suggest"),
+    };
+    render(&Page {
+        title: &input,
+        subtitle: &subtitle,
+        notes: &[],
+        layout: &registry::layout(&spec.spec),
+        series: &series,
+        truth: &outcome.truth,
+        anchors: &table.anchors,
+        packets: &table.targets,
+    })
+}
+
+fn input_name(input: &Input) -> String {
+    input.name().display().to_string()
+}
+
+/// A trail that could not be written.
+fn write_failure(error: WriteError, path: &Path) -> Failure {
+    match error {
+        WriteError::BrokenPipe { .. } => Failure::ReaderGone,
+        WriteError::Io { source, .. } => Failure::unwritable(path, &source),
+        // An estimate that is no number is our failure, not the user's.
+        e @ WriteError::NotFinite { .. } => Failure::Run(e.to_string()),
+        e => Failure::Bad(e.to_string()),
+    }
+}

@@ -1,0 +1,184 @@
+//! `fixtrail track` from end to end.
+
+mod common;
+
+use common::{Folder, SPEC, walk, walk_folder};
+use parquet::file::reader::{FileReader, SerializedFileReader};
+use std::fs::File;
+
+#[test]
+fn every_output_format_holds_the_same_rows() {
+    let folder = walk_folder();
+    for name in ["t.csv", "t.ndjson", "t.parquet"] {
+        folder.run(&["track", "-c", "spec.toml", "m.csv", "-o", name, "--covariance"]).good();
+    }
+    let csv = folder.text("t.csv");
+    let mut lines = csv.lines();
+    let header: Vec<&str> = lines.next().expect("a header").split(',').collect();
+    assert_eq!(header[..6], ["target", "t", "x", "y", "vx", "vy"]);
+    assert!(header.contains(&"p_1_1") || header.iter().any(|h| h.starts_with("p_")), "{header:?}");
+    // 120 instants of two tags, none of which lost all four ranges.
+    let rows: Vec<Vec<&str>> = lines.map(|l| l.split(',').collect()).collect();
+    assert_eq!(rows.len(), 240);
+    let x = header.iter().position(|h| *h == "x").expect("x");
+    let ndjson = folder.text("t.ndjson");
+    for (row, line) in rows.iter().zip(ndjson.lines()) {
+        let object: serde_json::Value = serde_json::from_str(line).expect("JSON");
+        assert_eq!(object["target"], row[0]);
+        // Numbers read back to the same bits from both.
+        assert_eq!(object["x"].as_f64(), row[x].parse().ok(), "{line}");
+    }
+    let parquet = SerializedFileReader::new(File::open(folder.path("t.parquet")).expect("a file")).expect("Parquet");
+    assert_eq!(parquet.metadata().file_metadata().num_rows(), 240);
+    assert_eq!(parquet.metadata().file_metadata().schema_descr().num_columns(), header.len());
+}
+
+#[test]
+fn trail_of_the_walk_is_where_the_walk_was() {
+    let folder = walk_folder();
+    let truth: String = (10..100)
+        .flat_map(|i| [("T1", 0.0), ("T2", 1.5)].map(|(tag, phase)| (0.2 * f64::from(i), tag, phase)))
+        .map(|(t, tag, phase)| {
+            let angle: f64 = 0.4 * t + phase;
+            format!("{t},{tag},{},{}\n", 4.0 + 2.0 * angle.cos(), 3.0 + 2.0 * angle.sin())
+        })
+        .collect();
+    folder.write("truth.csv", format!("t,target,x,y\n{truth}"));
+    let arguments = ["track", "-c", "spec.toml", "m.csv", "-o", "t.csv", "--truth", "truth.csv", "--report", "r.html"];
+    let ran = folder.run(&arguments).good();
+    assert!(ran.out.contains("RMSE") && ran.out.contains("T2") && ran.out.contains("all"), "{ran:?}");
+    assert!(folder.text("r.html").starts_with("<!DOCTYPE html>"));
+    let json = folder.run(&[&arguments[..], &["--json"]].concat()).good().json();
+    // Ranges err by 0.05/√2 m, four of them a fifth of a second apart: a position errs by no more than one range does, twice over.
+    let rmse = json["truth"]["overall"]["rmse_m"].as_f64().expect("an error");
+    assert!(rmse < 0.07, "{rmse}");
+    assert_eq!(
+        json["fixes"]["updated"].as_u64().expect("a count") + json["fixes"]["unobservable"].as_u64().expect("a count"),
+        240
+    );
+}
+
+#[test]
+fn order_of_rows_form_of_table_and_number_of_threads_leave_the_bytes_as_they_are() {
+    let folder = walk_folder();
+    let (table, _) = walk();
+    folder.run(&["track", "-c", "spec.toml", "m.csv", "-o", "t.csv", "--threads", "1"]).good();
+    let expected = folder.read("t.csv");
+
+    folder.run(&["track", "-c", "spec.toml", "m.csv", "-o", "two.csv", "--threads", "2"]).good();
+    assert_eq!(folder.read("two.csv"), expected);
+
+    let mut lines: Vec<&str> = table.lines().collect();
+    lines[1..].reverse();
+    // Turned round, with the line ends of another system, a mark at the front, none at the end, and a row twice.
+    let odd = format!("\u{feff}{}\r\n{}", lines.join("\r\n"), lines[5]);
+    folder.write("odd.csv", odd);
+    let ran = folder.run(&["track", "-c", "spec.toml", "odd.csv", "-o", "odd_t.csv"]).good();
+    assert!(ran.err.contains("1 duplicate dropped"), "{ran:?}");
+    assert_eq!(folder.read("odd_t.csv"), expected);
+
+    let objects: String = table
+        .lines()
+        .skip(1)
+        .map(|l| {
+            let c: Vec<&str> = l.split(',').collect();
+            format!(
+                "{{\"t\":{},\"target\":\"{}\",\"kind\":\"range\",\"anchor\":\"{}\",\"value\":{}}}\n",
+                c[0], c[1], c[3], c[4]
+            )
+        })
+        .collect();
+    let arguments = ["track", "-c", "spec.toml", "-", "--anchors", "anchors.csv", "--format", "ndjson", "-o", "-"];
+    let ran = folder.run_with(&arguments, objects.as_bytes()).good();
+    assert_eq!(ran.out.as_bytes(), expected);
+}
+
+#[test]
+fn standard_output_holds_the_trail_alone() {
+    let folder = walk_folder();
+    folder.write("truth.csv", "t,target,x,y\n5,T1,3.2,4.8\n");
+    let ran = folder.run(&["track", "-c", "spec.toml", "m.csv", "-o", "-", "--truth", "truth.csv", "--json"]).good();
+    assert!(ran.out.starts_with("target,t,x,y,") && ran.out.lines().count() == 241, "{ran:?}");
+    let json = &ran.err[ran.err.find("\n{").expect("an object on standard error")..];
+    let json: serde_json::Value = serde_json::from_str(json).expect("JSON");
+    assert_eq!(json["truth"]["overall"]["instants"], 1);
+}
+
+#[test]
+fn rows_by_time_hold_what_rows_by_target_hold() {
+    let folder = walk_folder();
+    folder.run(&["track", "-c", "spec.toml", "m.csv", "-o", "a.csv"]).good();
+    folder.run(&["track", "-c", "spec.toml", "m.csv", "-o", "b.csv", "--order", "time"]).good();
+    let (a, b) = (folder.text("a.csv"), folder.text("b.csv"));
+    let targets: Vec<&str> = b.lines().skip(1).take(4).map(|l| &l[..2]).collect();
+    assert_eq!(targets, ["T1", "T2", "T1", "T2"]);
+    let sorted = |text: &str| {
+        let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+        lines.sort();
+        lines
+    };
+    assert_eq!(sorted(&a), sorted(&b));
+}
+
+#[test]
+fn lagged_columns_come_from_estimators_that_smooth_only() {
+    let folder = walk_folder();
+    let refused = folder.run(&["track", "-c", "spec.toml", "m.csv", "-o", "t.csv", "--lagged", "both"]);
+    assert_eq!(refused.code, Some(2));
+    assert!(refused.err.contains("`estimator.kind` is \"ekf\""), "{refused:?}");
+    folder.write("lag.toml", SPEC.replace("\"ekf\"", "\"fixed-lag-kalman\"\nlag = 3"));
+    folder.run(&["track", "-c", "lag.toml", "m.csv", "-o", "both.csv", "--lagged", "both"]).good();
+    assert!(folder.text("both.csv").lines().next().expect("a header").contains("x_lag"));
+    folder.run(&["track", "-c", "lag.toml", "m.csv", "-o", "only.csv", "--lagged", "only"]).good();
+    assert_eq!(folder.text("only.csv").lines().count(), 241);
+}
+
+#[test]
+fn bad_rows_are_skipped_and_counted_where_asked() {
+    let folder = walk_folder();
+    let broken = format!("{}1.0,T1,range,A0,lots\n", folder.text("m.csv"));
+    folder.write("broken.csv", broken);
+    assert_eq!(folder.run(&["track", "-c", "spec.toml", "broken.csv", "-o", "t.csv"]).code, Some(2));
+    let ran = folder.run(&["track", "-c", "spec.toml", "broken.csv", "-o", "t.csv", "--skip-bad-rows"]).good();
+    assert!(ran.err.contains("skipped 1 bad row") && ran.err.contains("lots"), "{ran:?}");
+    folder.run(&["track", "-c", "spec.toml", "m.csv", "-o", "whole.csv"]).good();
+    assert_eq!(folder.read("t.csv"), folder.read("whole.csv"));
+}
+
+#[test]
+fn anchors_are_found_beside_the_input_or_where_the_spec_says() {
+    let folder = Folder::new();
+    let (table, anchors) = walk();
+    std::fs::create_dir(folder.path("site")).expect("a folder");
+    folder.write("m.csv", table).write("site/radios.csv", anchors);
+    folder.write("site/spec.toml", format!("anchors = \"radios.csv\"\n{SPEC}"));
+    folder.run(&["track", "-c", "site/spec.toml", "m.csv", "-o", "t.csv"]).good();
+    folder.write("spec.toml", SPEC);
+    folder.run(&["track", "-c", "spec.toml", "m.csv", "-o", "u.csv", "--anchors", "site/radios.csv"]).good();
+    assert_eq!(folder.read("t.csv"), folder.read("u.csv"));
+    let ran = folder.run(&["track", "-c", "spec.toml", "m.csv", "-o", "v.csv"]);
+    assert_eq!(ran.code, Some(2), "{ran:?}");
+}
+
+#[test]
+fn reader_who_has_seen_enough_is_no_failure() {
+    use std::io::Read;
+    use std::process::{Command, Stdio};
+    let folder = walk_folder();
+    // More rows than a pipe holds.
+    let rows: String = (0..20_000).map(|i| format!("{},{},0\n", 0.1 * f64::from(i), f64::from(i % 7))).collect();
+    folder.write("long.csv", format!("t,x,y\n{rows}"));
+    let mut child = Command::new(env!("CARGO_BIN_EXE_fixtrail"))
+        .args(["track", "long.csv", "-o", "-"])
+        .current_dir(folder.path(""))
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the binary starts");
+    let mut some = [0; 100];
+    child.stdout.take().expect("a pipe").read_exact(&mut some).expect("some rows");
+    let output = child.wait_with_output().expect("the binary ends");
+    let err = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{err}");
+    assert!(!err.contains("error") && !err.contains("panicked"), "{err}");
+}
