@@ -88,6 +88,10 @@ fn date_packets(group: &mut Group, epoch_unix_s: i64, rows: &Rows<'_>) {
     }
 }
 
+/// Most rows in a row that a `k` column may leave out: beyond, `k` is a clock or an id rather than a row's number, and filling the gap
+/// would take for ever.
+const LONGEST_GAP: u64 = 10_000_000;
+
 /// Sorts one target's packets, drops repeated ones and refuses contradictions (or skips both sides of them).
 fn settle_target(target: &mut TargetPackets, rows: &mut Rows<'_>) -> Result<(), BuildError> {
     let packets = &mut target.packets;
@@ -126,6 +130,18 @@ fn settle_target(target: &mut TargetPackets, rows: &mut Rows<'_>) -> Result<(), 
         packets.retain(|_| kept.next().copied().unwrap_or(true));
     }
 
+    if by_k {
+        let mut next = 0;
+        for packet in packets.iter() {
+            let k = packet.k.unwrap_or_default();
+            if k - next > LONGEST_GAP {
+                let lost = k - next;
+                let what = format!("is {k}, which makes {lost} rows before it lost, expected at most {LONGEST_GAP}");
+                return Err(rows.schema.at(packet.line, Col::K, what));
+            }
+            next = k + 1;
+        }
+    }
     if by_k && rows.schema.has(Col::T) {
         if let Some(pair) = packets.windows(2).find(|p| p[0].t_s >= p[1].t_s) {
             let (before, now) = (&pair[0], &pair[1]);

@@ -64,6 +64,8 @@ fn broken_tables_end_in_one_sentence() {
         ("m.csv", b"t,x,y\n1,2,3\n\n2,abc,3\n", &["m.csv:4: `x`", "`abc`", "expected metres"]),
         ("m.csv", b"t,x,y\r\n1,2,3\r\n\r\n2,abc,3\r\n", &["m.csv:4: `x`", "`abc`", "expected metres"]),
         ("m.csv", b"t,x,y\n\"1\",\"2\n\",3\n2,abc,3", &["m.csv:4: `x`", "`abc`"]),
+        // A record over two lines is named by its first.
+        ("m.csv", b"t,x,y\n1,2,3\n\"2\n\",abc,3\n", &["m.csv:3: `x`", "`abc`"]),
         ("m.csv", b"t,x,y\n1,nan,3\n", &["m.csv:2: `x`", "`nan`", "finite", "lost value is an empty cell"]),
         ("m.csv", b"t,x,y\n1,-inf,3\n", &["m.csv:2: `x`", "`-inf`", "finite"]),
         ("m.csv", b"t,x,y\n1,2e300,3\n", &["m.csv:2: `x`", "`2e300`", "too large", "1e12"]),
@@ -121,6 +123,11 @@ fn broken_tables_end_in_one_sentence() {
         ("m.csv", b"k,z1\n-1,1\n", &["m.csv:2: `k`", "`-1`", "whole number from 0"]),
         ("m.csv", b"k,z1\n0.5,1\n", &["m.csv:2: `k`", "`0.5`", "whole number from 0"]),
         ("m.csv", b"k,z1\n,1\n", &["m.csv:2: `k`", "is empty", "time index"]),
+        (
+            "m.csv",
+            b"k,z1\n0,1\n1700000000,1\n",
+            &["m.csv:3: `k`", "is 1700000000", "1699999999 rows", "at most 10000000"],
+        ),
         ("m.csv", b"k,t,z1\n0,5,1\n1,4,1\n", &["m.csv:3: `t`", "k = 1", "line 2", "order of k"]),
         ("m.csv", b"k,z1,u1,u2\n0,1,,3\n", &["m.csv:2: `u1`", "is empty beside other inputs"]),
         ("m.csv", b"z1\n1\n\n2\n", &["m.csv:3", "blank", "lost value"]),

@@ -76,14 +76,22 @@ fn harmless_oddities_change_nothing() {
 #[test]
 fn any_order_of_rows_gives_the_same_table() {
     let dated = "t,target,lat,lon,alt\n2025-03-01T12:00:03.5Z,b,47.1,8.1,400\n2025-03-01T12:00:01.25Z,b,47.2,8.2,\n2025-03-01T12:00:01.25Z,a,47.3,8.3,410\n2025-03-01T12:00:02.125Z,a,47.4,8.4,\n2025-03-01T12:00:02.125Z,a,47.4,8.4,\n";
-    for text in [MIXED, dated, "k,z1,u1\n3,1,0\n0,2,1\n1,,\n7,4,2\n", "t,z1,z2\n0.5,1,\n0.25,,2\n4,3,3\n"] {
+    for text in [
+        MIXED,
+        dated,
+        "k,z1,u1\n3,1,0\n0,2,1\n1,,\n7,4,2\n",
+        "t,z1,z2\n0.5,1,\n0.25,,2\n4,3,3\n",
+        "t,x,y,seq\n0,1,2,5\n0,1,2,3\n0,1,2,4\n1,1,2,\n",
+    ] {
         let (header, rows) = text.split_once('\n').unwrap();
         let mut rows: Vec<&str> = rows.lines().collect();
         let expected = without_lines(csv(text));
-        for turn in 0..rows.len() * 2 {
-            rows.rotate_left(1);
-            if turn % 2 == 1 {
-                rows.reverse();
+        let mut random = 1_u64;
+        for _ in 0..40 {
+            for i in (1..rows.len()).rev() {
+                // Knuth's MMIX generator; the high bits are the random ones.
+                random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                rows.swap(i, (random >> 33) as usize % (i + 1));
             }
             let shuffled = without_lines(csv(&format!("{header}\n{}\n", rows.join("\n"))));
             assert_eq!(shuffled, expected, "{rows:?}");
@@ -98,6 +106,8 @@ fn repeated_rows_are_dropped_and_counted() {
     );
     assert_eq!((table.counts.rows, table.counts.duplicates), (4, 2));
     assert_eq!(table.targets[0].packets.len(), 1);
+    // Zero has one sign.
+    assert_eq!(csv("t,x,y\n0,0,1\n-0.0,0,1\n0,-0,1\n").counts.duplicates, 2);
     // Of several deliveries of one packet the first to arrive is kept.
     assert_eq!(table.targets[0].packets[0].received_s, Some(2.0));
 }

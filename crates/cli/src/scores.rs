@@ -15,7 +15,6 @@ use serde_json::{Value, json};
 /// How the rows of a trail that `spec` makes in `mode` are to be read between its fixes.
 pub fn kind(spec: &Spec, mode: LaggedMode) -> Kind {
     match (mode, spec.estimator) {
-        (LaggedMode::Only, _) => Kind::Smoother,
         (LaggedMode::Own, EstimatorSpec::Rts | EstimatorSpec::FixedLagKalman { .. }) => Kind::Smoother,
         _ => Kind::Filter,
     }

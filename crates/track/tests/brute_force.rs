@@ -159,22 +159,6 @@ fn fms_predicted_equals_least_squares_on_its_window() {
 }
 
 #[test]
-fn fms_smoother_alone_stands_at_the_time_it_describes() {
-    let mut tally = Tally::default();
-    for (i, (run, declared)) in cases(60, 6, None).iter().enumerate() {
-        let (window, lag) = (4, 2);
-        let trail = tracked(run, *declared, fms(window, lag, Align::Filtered), LaggedMode::Only);
-        for row in 0..trail.len() {
-            assert_eq!(trail.k[row], row as u64);
-            let end = row + lag + 1;
-            let verdict = run.posterior(Start::Unknown, end.saturating_sub(window)..end, row);
-            tally.row(&trail, row, &verdict, &format!("run {i}, row {row}"), LIMIT);
-        }
-    }
-    enough("fms smoother", &tally, 80);
-}
-
-#[test]
 fn fms_nis_equals_the_innovation_form() {
     let mut worst: f64 = 0.0;
     let mut compared = 0;

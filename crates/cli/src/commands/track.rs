@@ -48,7 +48,7 @@ pub struct Arguments {
     /// Add the packed covariance to the trail
     #[arg(long)]
     covariance: bool,
-    /// Filter and smoother side by side, or the smoother only [default: the estimator's own]
+    /// Filter and smoother side by side [default: the estimator's own rows]
     #[arg(long, value_enum)]
     lagged: Option<Lagged>,
     /// Order of the rows
@@ -63,8 +63,6 @@ pub struct Arguments {
 enum Lagged {
     /// Filter and smoother side by side
     Both,
-    /// The smoother only
-    Only,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -80,7 +78,6 @@ impl Arguments {
         match self.lagged {
             None => LaggedMode::Own,
             Some(Lagged::Both) => LaggedMode::Both,
-            Some(Lagged::Only) => LaggedMode::Only,
         }
     }
 

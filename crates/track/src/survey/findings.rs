@@ -205,7 +205,8 @@ fn values(kind: &KindSurvey, survey: &Survey, list: &mut Vec<Finding>) {
             name(worst.target.as_deref()),
             anchor.unwrap_or_default()
         );
-        add(list, if share > 0.1 { Severity::Warning } else { Severity::Note }, text);
+        let trackable = matches!(kind.kind, Kind::Position | Kind::Range);
+        add(list, if share > 0.1 && trackable { Severity::Warning } else { Severity::Note }, text);
     }
     if let (Some(quick), Some(fit)) = (kind.quick_sd, kind.fit_sd)
         && fit > 2.0 * quick

@@ -1,6 +1,7 @@
 //! How many packets the network lost, and whether it lost them one by one or in bursts.
 
 use super::stats::{ascending, median, quantile};
+use std::collections::BTreeMap;
 
 /// Where the number of expected packets comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -129,9 +130,9 @@ impl Loss {
 
 /// The usual interval between the reports of a source, if it has one.
 ///
-/// `times` ascend. With up to three quarters of the packets lost at random a quarter of the intervals is still one period. A source has a
-/// period when half of its intervals lie within 15 % of a whole number of periods (of random intervals three in ten do) and the
-/// single period is the most frequent.
+/// `times` ascend. A source has a period when half of its intervals lie within 15 % of a whole number of periods (of random
+/// intervals three in ten do), six in ten are a single one (so that up to four in ten may be lost at random), and when no one
+/// longer interval that comes again and again makes up most of what would be lost: that is a source with two rates.
 pub(super) fn period(times: &[f64]) -> Option<f64> {
     let intervals = ascending(times.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > 0.0));
     if intervals.len() < 8 {
@@ -139,11 +140,17 @@ pub(super) fn period(times: &[f64]) -> Option<f64> {
     }
     let base = quantile(&intervals, 0.25)?;
     let period = median(intervals.iter().copied().filter(|d| (0.5 * base..1.5 * base).contains(d)))?;
-    let off = |d: &f64| (d / period - (d / period).round().max(1.0)).abs();
-    let whole = intervals.iter().filter(|d| off(d) <= 0.15).count();
-    let single = intervals.iter().filter(|d| (**d / period).round() <= 1.0).count();
-    let double = intervals.iter().filter(|d| (**d / period).round() == 2.0).count();
-    (2 * whole >= intervals.len() && single >= double).then_some(period)
+    let multiple = |d: &f64| (d / period).round().max(1.0);
+    let whole = intervals.iter().filter(|d| (**d / period - multiple(d)).abs() <= 0.15).count();
+    let mut counts: BTreeMap<u64, u64> = BTreeMap::new();
+    for d in &intervals {
+        *counts.entry(multiple(d) as u64).or_default() += 1;
+    }
+    let single = counts.get(&1).copied().unwrap_or(0);
+    let lost: u64 = counts.iter().map(|(k, n)| (k - 1) * n).sum();
+    let two_rates = counts.iter().any(|(k, n)| *k >= 3 && *n >= 10 && 2 * (k - 1) * n > lost);
+    let all = intervals.len() as u64;
+    (2 * whole as u64 >= all && 10 * single >= 6 * all && !two_rates).then_some(period)
 }
 
 /// Losses of a source that reports every `period` seconds; `times` ascend and hold no duplicates.

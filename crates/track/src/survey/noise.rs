@@ -54,14 +54,19 @@ pub(super) fn outliers(samples: &Samples, sd: f64, limit: f64) -> Vec<(usize, f6
     if n < ENOUGH {
         return Vec::new();
     }
+    let Some(step) = median(samples.t_s.windows(2).map(|w| w[1] - w[0])) else { return Vec::new() };
     let bend: Vec<f64> = (1..n - 1)
         .map(|i| {
             let (t, v) = (&samples.t_s, &samples.value);
+            // After a silence a value may well be elsewhere.
+            if (t[i] - t[i - 1]).max(t[i + 1] - t[i]) > 3.0 * step {
+                return 0.0;
+            }
             let share = (t[i] - t[i - 1]) / (t[i + 1] - t[i - 1]);
             v[i] - (v[i - 1] + share * (v[i + 1] - v[i - 1]))
         })
         .collect();
-    let Some(usual) = robust_sd(bend.iter().copied()) else { return Vec::new() };
+    let Some(usual) = robust_sd(bend.iter().copied().filter(|b| *b != 0.0)) else { return Vec::new() };
     let threshold = (limit * usual).max(5.0 * sd);
     (0..bend.len())
         .filter(|i| {

@@ -129,6 +129,19 @@ fn counters_of_each_anchor_and_of_the_radio_are_told_apart() {
 }
 
 #[test]
+fn loss_of_a_source_with_two_rates_cannot_be_told() {
+    // A ship reports every 2 s while it turns and every 10 s on its way.
+    let (mut t, mut packets) = (0.0, Vec::new());
+    for i in 0..400 {
+        t += if i % 40 < 30 { 2.0 } else { 10.0 };
+        packets.push(position(t, t, 0.0));
+    }
+    let survey = survey(&one(packets), &Anchors::default());
+    assert_eq!((survey.loss, survey.targets[0].period_s), (None, None));
+    assert!(survey.findings.iter().any(|f| f.text.contains("no fixed rate")));
+}
+
+#[test]
 fn silence_is_found_with_its_place() {
     let packets: Vec<Packet> =
         (0..600).filter(|i| !(200..234).contains(i)).map(|i| position(0.1 * i as f64, 0.0, 0.0)).collect();

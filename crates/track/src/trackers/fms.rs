@@ -10,7 +10,7 @@ use crate::packet::Content;
 use crate::spec::{Align, Span};
 use crate::tracker::{Step, Tracker};
 use crate::trackers::ufir::no_room;
-use crate::trackers::{LaggedMode, Meta, emit, emit_smoothed, outside, room, sound, still};
+use crate::trackers::{LaggedMode, Meta, emit, outside, room, sound, still};
 use fixtrail_core::estimators::diffuse::Joint;
 use fixtrail_core::estimators::fms::invariant::InvariantWindow;
 use fixtrail_core::estimators::fms::posterior_nis;
@@ -51,8 +51,6 @@ pub struct Fms<const N: usize> {
     past: Option<(u64, Option<f64>, Vector<N>)>,
     rows: Vec<Row<N>>,
     scratch: Vec<Row<N>>,
-    /// Instants whose smoothed row is out, by index.
-    smoothed_to: Option<u64>,
     /// Whether a row after the last measurement is due: a linear run with a predicting window.
     ends_beyond: bool,
 }
@@ -71,7 +69,6 @@ impl<const N: usize> Fms<N> {
             past: None,
             rows: Vec::new(),
             scratch: Vec::new(),
-            smoothed_to: None,
             ends_beyond,
         }
     }
@@ -103,7 +100,7 @@ impl<const N: usize> Fms<N> {
         }
     }
 
-    fn emit(&mut self, sink: &mut dyn Sink, joint: &Joint<N>, lag: Option<usize>) {
+    fn emit(&self, sink: &mut dyn Sink, joint: &Joint<N>, lag: Option<usize>) {
         let Some(newest) = self.metas.back() else { return };
         let lagged = lag.map(|lag| &self.metas[self.metas.len() - 1 - lag]);
         match self.mode {
@@ -111,14 +108,6 @@ impl<const N: usize> Fms<N> {
             LaggedMode::Both => {
                 let lagged = lagged.map(|meta| (meta, joint.lagged.as_ref()));
                 emit(sink, newest, joint.filter.as_ref(), lagged);
-            }
-            LaggedMode::Only => {
-                if let Some(meta) = lagged
-                    && self.smoothed_to.is_none_or(|done| meta.k > done)
-                {
-                    emit_smoothed(sink, meta, joint.lagged.as_ref());
-                    self.smoothed_to = Some(meta.k);
-                }
             }
         }
     }

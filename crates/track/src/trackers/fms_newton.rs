@@ -12,7 +12,7 @@ use crate::spec::{Align, Span};
 use crate::tracker::{Step, Tracker};
 use crate::trackers::fms::FmsSpec;
 use crate::trackers::ufir::no_room;
-use crate::trackers::{LaggedMode, Meta, emit, emit_smoothed, outside, room};
+use crate::trackers::{LaggedMode, Meta, emit, outside, room};
 use fixtrail_core::estimators::diffuse::Joint;
 use fixtrail_core::estimators::fms::newton::Newton;
 use fixtrail_core::estimators::fms::posterior_nis;
@@ -30,7 +30,6 @@ pub struct FmsNewton<const N: usize> {
     rows: Vec<Row<N>>,
     /// Room of instants that have left the window.
     spare: Vec<Vec<Packet>>,
-    smoothed_to: Option<u64>,
 }
 
 impl<const N: usize> FmsNewton<N> {
@@ -49,7 +48,6 @@ impl<const N: usize> FmsNewton<N> {
             metas: VecDeque::new(),
             rows: Vec::new(),
             spare: Vec::new(),
-            smoothed_to: None,
         })
     }
 
@@ -85,19 +83,13 @@ impl<const N: usize> FmsNewton<N> {
         self.newton.solve(&mut view, len, lagged.filter(|i| *i < len), &cold).map_err(StepError::Core)
     }
 
-    fn emit(&mut self, sink: &mut dyn Sink, joint: &Joint<N>, lagged: Option<usize>) {
+    fn emit(&self, sink: &mut dyn Sink, joint: &Joint<N>, lagged: Option<usize>) {
         let Some(newest) = self.metas.back() else { return };
         let meta = lagged.and_then(|i| self.metas.get(i));
         match self.mode {
             LaggedMode::Own => emit(sink, newest, joint.filter.as_ref(), None),
             LaggedMode::Both => {
                 emit(sink, newest, joint.filter.as_ref(), meta.map(|m| (m, joint.lagged.as_ref())));
-            }
-            LaggedMode::Only => {
-                if let Some(meta) = meta.filter(|m| self.smoothed_to.is_none_or(|done| m.k > done)) {
-                    emit_smoothed(sink, meta, joint.lagged.as_ref());
-                    self.smoothed_to = Some(meta.k);
-                }
             }
         }
     }

@@ -22,8 +22,6 @@ pub enum LaggedMode {
     Own,
     /// Filter and smoother side by side, on the row of the newest data.
     Both,
-    /// The smoother alone, its rows at the time they describe.
-    Only,
 }
 
 /// What is known of an instant besides its estimate.

@@ -66,7 +66,7 @@ impl<const N: usize> Tracker for Rts<N> {
         for ((meta, filtered), smoothed) in self.metas.iter().zip(self.smoothed()) {
             match self.mode {
                 LaggedMode::Both => emit(sink, meta, filtered.as_ref(), Some((meta, smoothed.as_ref()))),
-                LaggedMode::Own | LaggedMode::Only => emit_smoothed(sink, meta, smoothed.as_ref()),
+                LaggedMode::Own => emit_smoothed(sink, meta, smoothed.as_ref()),
             }
         }
         Ok(())

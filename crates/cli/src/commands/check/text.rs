@@ -144,16 +144,9 @@ fn table_notes(data: &Data) -> Vec<String> {
     if !counts.ignored_columns.is_empty() {
         notes.push(format!("columns nobody asked for: {}", counts.ignored_columns.join(", ")));
     }
-    if let Ok(spec) = &data.spec {
+    if let Some(path) = data.spec.as_ref().ok().and_then(|spec| spec.path.as_ref()) {
         for (kind, rows) in &data.unused {
-            notes.push(format!(
-                "{} of kind `{kind}` are not used by the {}",
-                counted(*rows, "row"),
-                match &spec.path {
-                    Some(path) => format!("spec {}", path.display()),
-                    None => "proposed spec".to_owned(),
-                }
-            ));
+            notes.push(format!("{} of kind `{kind}` are not used by {}", counted(*rows, "row"), path.display()));
         }
     }
     notes
