@@ -132,7 +132,7 @@ fn ndjson_and_csv_give_the_same_table() {
 
 #[test]
 fn parquet_of_pyarrow_and_csv_give_the_same_table() {
-    // tests/data/pyarrow.parquet: pyarrow 22, zstd, row groups of 4; dictionary, timestamp[us, UTC], float32, int32,
+    // tests/data/pyarrow.parquet: pyarrow 26.0.1, zstd, row groups of 4; dictionary, timestamp[us, UTC], float32, int32,
     // nulls and a list column. This is what it holds.
     let text = "t,tag,kind,anchor_id,value,x,y,seq,sd,note.list.element
 2025-03-01T12:00:00Z,T1,range,A0,1.5,,,0,0.1,

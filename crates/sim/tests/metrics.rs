@@ -103,6 +103,28 @@ fn smoother_is_interpolated_by_hermite_with_velocity_and_linearly_without() {
     close(row.errors.unwrap().max_m, 1.25_f64.sqrt()); // Held at (0, 0) while the truth is at (0.5, 1).
 }
 
+/// Position variance `a` after a state known exactly and `b` before another, by conditioning the joint Gaussian of the chain
+/// `p' = v, v' = noise`.
+fn pinned_variance(psd: f64, a: f64, b: f64) -> f64 {
+    let noise = |dt: f64| [psd * dt.powi(3) / 3.0, psd * dt * dt / 2.0, psd * dt];
+    let [p, c, v] = noise(a);
+    // What the second fix sees: F Q(a) Fᵀ + Q(b), and its covariance with the position in between.
+    let [qp, qc, qv] = noise(b);
+    let (s11, s12, s22) = (p + 2.0 * b * c + b * b * v + qp, c + b * v + qc, v + qv);
+    let (k1, k2) = (p + b * c, c);
+    p - (s22 * k1 * k1 - 2.0 * s12 * k1 * k2 + s11 * k2 * k2) / (s11 * s22 - s12 * s12)
+}
+
+#[test]
+fn smoother_between_two_fixes_is_as_uncertain_as_the_noise_between_them() {
+    let layout = Layout::kinematic(2, 2, &[]);
+    let t = trail(4, &[(0.0, Some(&[0.0; 4]), &[0.0; 4], None), (2.0, Some(&[0.0; 4]), &[0.0; 4], None)]);
+    for at in [0.5, 1.0, 1.7] {
+        let row = scored(t.clone(), &layout, &[3.0, 3.0], &[truth(None, &[(at, 0.1, 0.0)])], Kind::Smoother).overall;
+        close(row.mean_nees.unwrap() * pinned_variance(3.0, at, 2.0 - at), 0.01);
+    }
+}
+
 #[test]
 fn instants_before_the_first_fix_or_unobservable_are_missing() {
     let layout = Layout::kinematic(1, 2, &[]);

@@ -83,6 +83,12 @@ impl<const N: usize> Joint<N> {
     pub fn none() -> Self {
         Self { filter: None, lagged: None, cross: Matrix::zeros() }
     }
+
+    /// Whether what is there is numbers.
+    pub(crate) fn is_finite(&self) -> bool {
+        let sound = |b: &Belief<N>| crate::estimators::kalman::finite(&b.mean, &b.cov).is_ok();
+        self.filter.as_ref().is_none_or(sound) && self.lagged.as_ref().is_none_or(sound)
+    }
 }
 
 impl<const N: usize> Taken<N> {

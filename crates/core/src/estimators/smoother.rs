@@ -14,6 +14,7 @@
 //! `P − P N P` of the adjoint (Bryson–Frazier) form would lose all digits where the prediction is much vaguer than the smoothed state.
 
 use crate::estimators::diffuse::{Diffuse, PartialStart};
+use crate::estimators::kalman::finite;
 use crate::linalg::{LeastSquares, semidefinite_factor, symmetrised};
 use crate::types::{Belief, Matrix, Row, Vector};
 
@@ -206,7 +207,8 @@ impl<'a, const N: usize> Backward<'a, N> {
             Spread::Partial(partial) => response * partial.root,
         };
         cov += spread * spread.transpose();
-        Some(Belief { mean, cov: symmetrised(&cov) })
+        let cov = symmetrised(&cov);
+        finite(&mean, &cov).ok().map(|()| Belief { mean, cov })
     }
 
     /// Goes back over the transition that led to the instant just left.

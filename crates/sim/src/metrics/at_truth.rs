@@ -106,8 +106,9 @@ fn packed(cov: &[f64], n: usize, i: usize, j: usize) -> f64 {
 /// Reads `trail` at every point of `truth`.
 ///
 /// A causal trail is predicted from its last fix at or before the instant. A smoothed one is interpolated (position by a cubic
-/// Hermite where there is a velocity, else linearly; covariance linearly) and predicted after its last fix. There is no
-/// estimate before the first fix, nor where the fix or one of the two neighbours is unobservable.
+/// Hermite where there is a velocity, else linearly; covariance linearly, plus what the driving noise may do between two fixes that
+/// are both known) and predicted after its last fix. There is no estimate before the first fix, nor where the fix or one of the two
+/// neighbours is unobservable.
 pub fn at_truth(
     trail: &Trail,
     layout: &Layout,
@@ -151,6 +152,10 @@ fn interpolated(
     let p0 = predict(m0, trail.cov(before)?, 0.0);
     let p1 = predict(m1, trail.cov(after)?, 0.0);
     let s = dt_s / interval_s;
+    // A chain of integrators pinned at both ends spreads in between like a free one after the interval a·b/(a + b), a and b the times
+    // to the two fixes: `noise · (ab/(a+b))^(2m−1) / ((2m−1) ((m−1)!)²)`.
+    let n = layout.n();
+    let bridge = predict(&vec![0.0; n], &vec![0.0; Trail::packed_len(n)], dt_s * (1.0 - s));
     let mut out = Position::default();
     for i in 0..layout.axes {
         out.mean_m[i] = if layout.has_velocity {
@@ -165,7 +170,8 @@ fn interpolated(
             p0.mean_m[i] + s * (p1.mean_m[i] - p0.mean_m[i])
         };
         for j in 0..layout.axes {
-            out.cov_m2[i][j] = p0.cov_m2[i][j] + s * (p1.cov_m2[i][j] - p0.cov_m2[i][j]);
+            let between = p0.cov_m2[i][j] + s * (p1.cov_m2[i][j] - p0.cov_m2[i][j]);
+            out.cov_m2[i][j] = between + bridge.cov_m2[i][j];
         }
     }
     Some(out)

@@ -144,9 +144,11 @@ impl<const N: usize> Tracker for FmsNewton<N> {
                         meta.nis = (evidence.dof > 0).then_some(evidence.nis);
                         meta.nis_dof = evidence.dof;
                     }
-                    joint.filter = Some(prior);
+                    // An interval may be so long that nothing is known after it.
+                    let finite = prior.mean.iter().chain(&prior.cov).all(|v| v.is_finite());
+                    joint.filter = finite.then_some(prior);
                     if lagged == Some(self.kept.len()) {
-                        joint.lagged = Some(prior);
+                        joint.lagged = joint.filter;
                     }
                 }
                 self.emit(sink, &joint, lagged);

@@ -186,7 +186,7 @@ impl<const N: usize, S: Store> InvariantWindow<N, S> {
     /// window whose covariances leave the range of numbers has no estimate.
     pub fn estimate(&mut self) -> Joint<N> {
         if self.len == self.shape.window
-            && let Some(joint) = self.filtered_by_gain()
+            && let Some(joint) = self.filtered_by_gain().filter(Joint::is_finite)
         {
             if let Some(varying) = &mut self.varying {
                 varying.clear();

@@ -104,7 +104,7 @@ impl<const N: usize, S: Store> Varying<N, S> {
 
     fn estimate(&mut self, split: Option<usize>, leap: Option<&Transition<N>>) -> Joint<N> {
         if self.window.len() >= STACKS_FROM
-            && let Some(joint) = self.aggregated(split, leap)
+            && let Some(joint) = self.aggregated(split, leap).filter(Joint::is_finite)
         {
             return joint;
         }
