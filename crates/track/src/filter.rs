@@ -4,7 +4,7 @@
 use crate::error::StepError;
 use crate::fix::Status;
 use crate::model::Model;
-use crate::search::Search;
+use crate::search::{Found, Search};
 use crate::tracker::Step;
 use fixtrail_core::estimators::diffuse::Diffuse;
 use fixtrail_core::estimators::kalman::{self, Evidence};
@@ -85,11 +85,11 @@ impl<const N: usize> Filter<N> {
                 let dt_s = self.past.map_or(0.0, |p| interval(p.t_s, step.t_s));
                 let found = search.step(&self.model, step, dt_s, record)?;
                 let nominal = search.newest();
-                if let Some(belief) = found {
+                if let Some(Found { belief, settled: true }) = found {
                     self.state = State::Running(belief);
                 }
                 self.remember(step, nominal);
-                Ok(started(found, step))
+                Ok(started(found.map(|f| f.belief), step))
             }
             State::Running(_) => self.run(step, record),
             State::New if self.model.prior.is_some() => self.run(step, record),
@@ -97,10 +97,10 @@ impl<const N: usize> Filter<N> {
         }
     }
 
-    /// Appends the instants whose linearisation was still open when the data ended: there is no estimate of them.
+    /// Appends the instants whose linearisation was still open when the data ended.
     pub fn finish(&mut self, record: &mut Vec<Linearised<N>>) {
         if let State::Searching(search) = &mut self.state {
-            search.give_up(record);
+            search.finish(&self.model, record);
         }
     }
 

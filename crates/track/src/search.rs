@@ -7,13 +7,16 @@ use crate::model::Model;
 use crate::packet::{Content, Packet};
 use crate::tracker::Step;
 use fixtrail_core::estimators::fms::newton::{ColdStart, MOST_ROWS, Newton, WindowModel};
+use fixtrail_core::estimators::kalman;
 use fixtrail_core::estimators::smoother::Arrive;
-use fixtrail_core::linalg::compress;
+use fixtrail_core::linalg::{compress, semidefinite_factor};
 use fixtrail_core::{Belief, Row, Transition, Vector};
 use std::collections::VecDeque;
 
 /// Most instants that the start looks back over; older ones are forgotten.
 const START_INSTANTS: usize = 64;
+/// Largest share of a standard deviation by which one standard deviation of the start may bend model or sensors.
+const BENT: f64 = 0.3;
 
 /// One instant of a nonlinear window with its packets.
 pub(crate) struct Kept {
@@ -97,12 +100,23 @@ pub(crate) fn cold_start<'a, const N: usize>(model: &Model<N>, kept: impl Iterat
     ColdStart { guess, spread }
 }
 
+/// What the search has found.
+#[derive(Clone, Copy, Debug)]
+pub struct Found<const N: usize> {
+    /// The newest state.
+    pub belief: Belief<N>,
+    /// Whether a filter can go on from it; the search is over then.
+    pub settled: bool,
+}
+
 /// The search for a first estimate.
 pub struct Search<const N: usize> {
     newton: Newton<N, Heap>,
     kept: VecDeque<Kept>,
     rows: Vec<Row<N>>,
     newest: Vector<N>,
+    /// Whether the window determined the state when last tried.
+    found: bool,
 }
 
 impl<const N: usize> Search<N> {
@@ -113,7 +127,7 @@ impl<const N: usize> Search<N> {
     pub fn new() -> Result<Self, StepError> {
         let room = fixtrail_core::StepError::WindowFull { capacity: 0, needed: START_INSTANTS };
         let newton = Newton::new(START_INSTANTS).ok_or(StepError::Core(room))?;
-        Ok(Self { newton, kept: VecDeque::new(), rows: Vec::new(), newest: Vector::zeros() })
+        Ok(Self { newton, kept: VecDeque::new(), rows: Vec::new(), newest: Vector::zeros(), found: false })
     }
 
     /// The point that the newest instant was linearised at.
@@ -121,7 +135,7 @@ impl<const N: usize> Search<N> {
         self.newest
     }
 
-    /// Takes one instant; returns the state once the window determines it, and then appends the window to `record`.
+    /// Takes one instant; returns the state when the window determines it. Appends the window to `record` once it is settled.
     ///
     /// # Errors
     /// [`StepError`]; nothing has changed then.
@@ -131,39 +145,76 @@ impl<const N: usize> Search<N> {
         step: &Step<'_>,
         dt_s: f64,
         record: Option<&mut Vec<Linearised<N>>>,
-    ) -> Result<Option<Belief<N>>, StepError> {
+    ) -> Result<Option<Found<N>>, StepError> {
         self.kept.push_back(Kept::new(step, dt_s, Vec::new()));
-        let found = if enough(model.layout.axes, self.kept.iter()) {
+        let solution = if enough(model.layout.axes, self.kept.iter()) {
             let cold = cold_start(model, self.kept.iter());
             let mut view = KeptWindow { model, kept: &self.kept, rows: &mut self.rows };
             self.newton.solve(&mut view, self.kept.len(), None, &cold).map_err(StepError::Core)?.filter
         } else {
             None
         };
-        match found {
-            Some(belief) => {
-                self.newest = self.newton.nominal().last().copied().unwrap_or(belief.mean);
+        self.found = solution.is_some();
+        let full = self.kept.len() == START_INSTANTS;
+        let Some(belief) = solution else {
+            if full {
+                self.kept.pop_front();
+                self.newton.drop_front(1);
                 if let Some(record) = record {
-                    self.linearise(model, record);
+                    record.push(forgotten());
                 }
-                Ok(Some(belief))
             }
-            None => {
-                if self.kept.len() == START_INSTANTS {
-                    self.kept.pop_front();
-                    self.newton.drop_front(1);
-                    if let Some(record) = record {
-                        record.push(forgotten());
-                    }
-                }
-                Ok(None)
-            }
+            return Ok(None);
+        };
+        self.newest = self.newton.nominal().last().copied().unwrap_or(belief.mean);
+        let settled = full || self.is_nearly_linear(model, step, &belief);
+        if let (Some(record), true) = (record, settled) {
+            self.linearise(model, record);
         }
+        Ok(Some(Found { belief, settled }))
     }
 
-    /// Appends the instants kept so far as forgotten ones.
-    pub fn give_up(&mut self, record: &mut Vec<Linearised<N>>) {
-        record.extend(self.kept.drain(..).map(|_| forgotten()));
+    /// Whether motion and sensors are as good as linear over the belief's spread. The window linearises again with every instant, a
+    /// filter that goes on from its result does not: handed a turn rate known to 10 rad/s it would be sure of a wrong one for ever.
+    ///
+    /// One standard deviation along each column of `P = L Lᵀ`, either way, must bend the prediction over as long as the window lasts,
+    /// and each measurement, by less than [`BENT`] of their standard deviation.
+    fn is_nearly_linear(&mut self, model: &Model<N>, step: &Step<'_>, belief: &Belief<N>) -> bool {
+        let horizon_s = self.kept.iter().skip(1).map(|k| k.dt_s).sum();
+        let leap = |x: &Vector<N>| model.motion.leap(step.k, horizon_s, &Vector::zeros(), x);
+        let straight = leap(&belief.mean);
+        let ahead = kalman::predict(belief, &straight);
+        let mut rows = Vec::new();
+        model.sensing.rows(step, &belief.mean, &mut rows);
+        let root = semidefinite_factor(&belief.cov);
+        for j in 0..2 * N {
+            let sigma = root.column(j / 2) * if j % 2 == 0 { 1.0 } else { -1.0 };
+            let x = belief.mean + sigma;
+            let bend = leap(&x).next - straight.next - straight.f * sigma;
+            if (0..N).any(|i| bend[i].abs() > BENT * ahead.cov[(i, i)].sqrt()) {
+                return false;
+            }
+            self.rows.clear();
+            model.sensing.rows(step, &x, &mut self.rows);
+            for (row, moved) in rows.iter().zip(&self.rows) {
+                let bend = row.residual - moved.residual - row.h.dot(&sigma);
+                let var = row.h.dot(&(belief.cov * row.h)) + row.var;
+                if bend.abs() > BENT * var.sqrt() {
+                    return false;
+                }
+            }
+        }
+        true
+    }
+
+    /// Appends the instants kept when the data end: linearised where the window determines them, forgotten otherwise.
+    pub fn finish(&mut self, model: &Model<N>, record: &mut Vec<Linearised<N>>) {
+        if self.found {
+            self.linearise(model, record);
+        } else {
+            record.extend(self.kept.iter().map(|_| forgotten()));
+        }
+        self.kept.clear();
     }
 
     fn linearise(&self, model: &Model<N>, record: &mut Vec<Linearised<N>>) {

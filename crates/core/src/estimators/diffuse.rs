@@ -151,7 +151,7 @@ impl<const N: usize> Diffuse<N> {
         }
         self.a += gain * e;
         self.x -= gain * e_x.transpose();
-        self.p = joseph(&self.p, &row.h, row.var, &ph, &gain);
+        self.p = joseph(&self.p, &row.h, row.var, &ph, f);
         let mut gain_lag = Vector::zeros();
         if let Some(lag) = &mut self.lag {
             gain_lag = lag.cross * row.h / f;

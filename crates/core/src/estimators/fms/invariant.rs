@@ -160,11 +160,12 @@ impl<const N: usize, S: Store> InvariantWindow<N, S> {
         let slot = if self.len == m {
             let oldest = self.head;
             self.lost -= self.got.as_ref()[oldest * q..(oldest + 1) * q].iter().filter(|g| !**g).count();
-            self.head = (self.head + 1) % m;
+            self.head = if oldest + 1 == m { 0 } else { oldest + 1 };
             oldest
         } else {
+            // Until it is full the window starts at slot 0.
             self.len += 1;
-            (self.head + self.len - 1) % m
+            self.len - 1
         };
         for i in 0..q {
             let value = z.get(i).copied().flatten();
