@@ -166,7 +166,8 @@ fn what_is_never_measured_is_never_estimated() {
 
 #[test]
 fn filter_and_smoother_are_judged_separately() {
-    // The second state is forgotten at every step, and never measured.
+    // The second state is forgotten at every step, and never measured. The smoothers used to ask for the whole first state and
+    // gave no estimate of any row.
     let a = DMatrix::from_row_slice(2, 2, &[0.5, 0.0, 0.0, 0.0]);
     let run = system(a, DMatrix::from_row_slice(1, 2, &[1.0, 0.0]), 8);
     for declared in [Declared::Invariant, Declared::Sequence] {

@@ -62,7 +62,7 @@ pub fn packet(k: usize, z: &[Option<f64>], u: &[f64]) -> Packet {
 pub fn packets(run: &Run) -> TargetPackets {
     let silent = |k: usize| {
         let at = &run.instants[k];
-        k + 1 < run.len() && k % 2 == 0 && at.z.iter().all(Option::is_none) && at.u.iter().all(|u| *u == 0.0)
+        k + 1 < run.len() && k.is_multiple_of(2) && at.z.iter().all(Option::is_none) && at.u.iter().all(|u| *u == 0.0)
     };
     let packets =
         (0..run.len()).filter(|k| !silent(*k)).map(|k| packet(k, &run.instants[k].z, &run.instants[k].u)).collect();

@@ -131,10 +131,15 @@ impl<const N: usize, S: Store> Gain<N, S> {
     }
 
     /// Returns the means of filter and smoother for the window's data, oldest first: `q` values per instant, then the inputs.
+    #[inline]
     pub fn apply(&self, z: &[f64], u: &[f64]) -> Column<N> {
         let mut filter = Vector::zeros();
         let mut lagged = Vector::zeros();
-        for ((g, g_lag), value) in self.z.as_ref().iter().zip(z).chain(self.u.as_ref().iter().zip(u)) {
+        for ((g, g_lag), value) in self.z.as_ref().iter().zip(z) {
+            filter += g * *value;
+            lagged += g_lag * *value;
+        }
+        for ((g, g_lag), value) in self.u.as_ref().iter().zip(u) {
             filter += g * *value;
             lagged += g_lag * *value;
         }

@@ -142,6 +142,7 @@ impl<const N: usize, S: Store> InvariantWindow<N, S> {
     ///
     /// # Errors
     /// [`StepError::WindowFull`] when the store has no room for the fallback of long windows; nothing has changed then.
+    #[inline]
     pub fn push(&mut self, z: &[Option<f64>], u: &[f64]) -> Result<(), StepError> {
         let (m, q) = (self.shape.window, self.q);
         if let Some(varying) = &mut self.varying
@@ -185,9 +186,27 @@ impl<const N: usize, S: Store> InvariantWindow<N, S> {
 
     /// Returns filter and smoother for the instant the shape asks for: the newest, or with [`Align::Predicted`] the one after it. A
     /// window whose covariances leave the range of numbers has no estimate.
+    #[inline]
     pub fn estimate(&mut self) -> Joint<N> {
-        if self.len == self.shape.window
-            && let Some(joint) = self.filtered_by_gain().filter(Joint::is_finite)
+        if self.lost == 0
+            && self.len == self.shape.window
+            && let Some(gain) = &self.gain
+        {
+            let joint = shifted(&gain.joint, &gain.apply(self.data(), self.inputs()));
+            if joint.is_finite() {
+                if let Some(varying) = &mut self.varying {
+                    varying.clear();
+                }
+                return joint;
+            }
+        }
+        self.estimate_with_losses()
+    }
+
+    fn estimate_with_losses(&mut self) -> Joint<N> {
+        if self.lost > 0
+            && self.len == self.shape.window
+            && let Some(joint) = self.corrected().filter(Joint::is_finite)
         {
             if let Some(varying) = &mut self.varying {
                 varying.clear();
@@ -226,15 +245,6 @@ impl<const N: usize, S: Store> InvariantWindow<N, S> {
             sum += b * *u;
         }
         sum
-    }
-
-    /// The estimate by the full-window gain; `None` when too much is lost for it.
-    fn filtered_by_gain(&mut self) -> Option<Joint<N>> {
-        if self.lost > 0 {
-            return self.corrected();
-        }
-        let gain = self.gain.as_ref()?;
-        Some(shifted(&gain.joint, &gain.apply(self.data(), self.inputs())))
     }
 
     /// The estimate by the full-window gain with the lost rows filled in.
@@ -332,6 +342,7 @@ impl<const N: usize, S: Store> InvariantWindow<N, S> {
 }
 
 /// The joint covariance with means added.
+#[inline]
 fn shifted<const N: usize>(joint: &Joint<N>, means: &Column<N>) -> Joint<N> {
     let mut out = *joint;
     for (belief, mean) in [(&mut out.filter, means.0), (&mut out.lagged, means.1)] {
