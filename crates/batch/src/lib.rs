@@ -9,6 +9,7 @@ mod columns;
 mod content;
 mod formats;
 mod input;
+mod options;
 mod rows;
 mod run;
 mod schema;
@@ -19,8 +20,9 @@ mod truth;
 mod write;
 
 pub use input::{Format, Input};
+pub use options::{Counts, LinearShape, ReadOptions};
 pub use run::run_tracks;
-pub use table::{Counts, LinearShape, ReadOptions, Table, TableMeta, read_table};
+pub use table::{Table, TableMeta, read_table};
 pub use time::TimeForm;
 pub use truth::read_truth;
 pub use write::{Order, OutFormat, Output, WriteError, WriteOptions, write_trails};

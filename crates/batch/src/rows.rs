@@ -3,8 +3,8 @@
 use crate::columns::Extent;
 use crate::content::{AnchorIds, Reading};
 use crate::formats::{Row, TableSink};
+use crate::options::{Counts, ReadOptions};
 use crate::schema::{Col, Schema};
-use crate::table::{Counts, ReadOptions};
 use crate::time::Stamp;
 use fixtrail_track::anchors::Anchors;
 use fixtrail_track::error::BuildError;

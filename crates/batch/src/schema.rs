@@ -3,7 +3,7 @@
 use crate::cell::Cell;
 use crate::columns::{self, Extent, HeaderError, Known, aliased, known};
 use crate::formats::Row;
-use crate::table::{LinearShape, ReadOptions};
+use crate::options::{LinearShape, ReadOptions};
 use fixtrail_track::error::BuildError;
 use fixtrail_track::packet::Kind;
 use std::path::Path;

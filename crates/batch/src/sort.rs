@@ -1,8 +1,8 @@
 //! The packets of a table in one order, whatever the order of its rows.
 
+use crate::options::Counts;
 use crate::rows::{Dates, Group, Rows};
 use crate::schema::Col;
-use crate::table::Counts;
 use crate::time::{self, TimeForm};
 use fixtrail_track::error::BuildError;
 use fixtrail_track::geo::{self, Origin};

@@ -3,6 +3,7 @@
 
 use crate::error::StepError;
 use crate::fix::Status;
+use crate::linearised::Linearised;
 use crate::model::Model;
 use crate::search::{Found, Search};
 use crate::tracker::Step;
@@ -22,19 +23,6 @@ pub struct Outcome<const N: usize> {
     pub nis: Option<f64>,
     /// Scalar measurements behind it.
     pub nis_dof: u32,
-}
-
-/// One instant as it was linearised: what a smoother goes back over.
-#[derive(Clone, Debug)]
-pub struct Linearised<const N: usize> {
-    /// The point that state and rows are relative to.
-    pub nominal: Vector<N>,
-    /// How the deviation from the nominal came here; `None` on the first instant.
-    pub arrive: Option<Arrive<N>>,
-    /// Rows at `nominal` that were used.
-    pub rows: Vec<Row<N>>,
-    /// Whether the instant left a nonlinear start before the state was determined: there is no estimate of it.
-    pub forgotten: bool,
 }
 
 enum State<const N: usize> {

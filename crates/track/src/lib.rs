@@ -8,6 +8,7 @@ pub mod fix;
 pub mod geo;
 pub mod heap;
 pub mod layout;
+pub mod linearised;
 pub mod link;
 pub mod mat;
 pub mod model;

@@ -1,8 +1,8 @@
 //! Nonlinear start: Gauss–Newton over the first instants, until they determine where the target is.
 
 use crate::error::StepError;
-use crate::filter::Linearised;
 use crate::heap::Heap;
+use crate::linearised::Linearised;
 use crate::model::Model;
 use crate::packet::{Content, Packet};
 use crate::tracker::Step;

@@ -225,9 +225,8 @@ fn refused_steps_of_linear_kinematic_trackers_leave_no_trace() {
             .collect();
         let refusals = check(&specs, &steps);
         println!("{refusals:#?}");
-        for name in ["Kalman", "Ekf", "Rts"] {
-            assert!(refusals[name] >= 5, "{refusals:?}");
-        }
+        // Of 25 offers: what is no number, what has no noise, and what leads beyond the range of numbers.
+        assert!(refusals.values().all(|count| *count >= 14), "{refusals:?}");
         assert_finite(&specs, &steps);
     }
 }

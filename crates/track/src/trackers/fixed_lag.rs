@@ -1,9 +1,10 @@
 //! `fixed-lag-kalman`: x̂_{k−d} given z_0 … z_k, with its covariance; at the end the last d instants with what there is.
 
 use crate::error::StepError;
-use crate::filter::{Filter, Linearised};
+use crate::filter::Filter;
 use crate::fix::Sink;
 use crate::layout::Layout;
+use crate::linearised::Linearised;
 use crate::model::Model;
 use crate::spec::Span;
 use crate::tracker::{Step, Tracker};

@@ -1,9 +1,10 @@
 //! `rts`: every instant given all data of the run.
 
 use crate::error::StepError;
-use crate::filter::{Filter, Linearised, Outcome};
+use crate::filter::{Filter, Outcome};
 use crate::fix::Sink;
 use crate::layout::Layout;
+use crate::linearised::Linearised;
 use crate::model::Model;
 use crate::tracker::{Step, Tracker};
 use crate::trackers::{LaggedMode, Meta, emit, emit_smoothed};

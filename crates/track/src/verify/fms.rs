@@ -1,14 +1,15 @@
 //! Vectors of `fms-golden-1`: finite-memory estimates, gains and covariances, and the Kalman family on the same data.
 
 use super::json::Json;
-use super::kf::{LinearRun, filter_quantities};
+use super::kf::filter_quantities;
+use super::run::{LinearRun, packet, unpacked};
 use super::{Comparison, Quantity, Scale};
 use crate::dims::with_size;
 use crate::error::BuildError;
 use crate::heap::Heap;
 use crate::mat::Mat;
 use crate::model::{LinearModel, Motion, Sensing};
-use crate::packet::{Content, Packet};
+use crate::packet::Content;
 use crate::spec::{Align, EstimatorSpec, LinearSpec, LinearStep, MAX_MEASUREMENT, MAX_STATE, Prior, Span};
 use crate::tracker::Step;
 use crate::trackers::LaggedMode;
@@ -72,19 +73,6 @@ fn read(root: &Json<'_>) -> Result<Vectors, BuildError> {
     }
     let run = LinearRun { spec: LinearSpec { base, sequence, prior: None }, packets };
     Ok(Vectors { n, window, lag, run })
-}
-
-/// One row of a linear run.
-pub(super) fn packet(k: usize, z: Vec<Option<f64>>, u: Vec<f64>) -> Packet {
-    Packet {
-        t_s: k as f64,
-        k: Some(k as u64),
-        content: Content::Linear { z, u },
-        sd: None,
-        seq: None,
-        received_s: None,
-        line: k as u64 + 1,
-    }
 }
 
 /// Which of a window's data is 1 while all others are 0.
@@ -292,7 +280,7 @@ fn kalman(v: &Vectors, kf: &Json<'_>) -> Result<Vec<Quantity>, BuildError> {
             let row = i.checked_sub(v.lag).filter(|r| *r < trail.len());
             let row = row.ok_or_else(|| mean.fail("has no row in the run"))?;
             x.add_optional(trail.mean(row), Some(&mean.numbers()?));
-            p.add_optional(super::kf::unpacked(&trail, row).as_deref(), Some(&cov.matrix()?.data));
+            p.add_optional(unpacked(&trail, row).as_deref(), Some(&cov.matrix()?.data));
         }
         out.extend([x.done(), p.done()]);
     }

@@ -1,53 +1,19 @@
 //! The Kalman family's vectors: filter, prediction, innovations, fixed-lag and fixed-interval smoother.
 
-use super::fms::packet;
 use super::json::Json;
+use super::run::{LinearRun, packet, unpacked};
 use super::{Comparison, Quantity, Scale};
-use crate::anchors::Anchors;
 use crate::dims::with_size;
 use crate::error::BuildError;
 use crate::mat::Mat;
 use crate::model::{LinearModel, Motion, Sensing};
-use crate::packet::{Content, Packet};
-use crate::pipeline;
-use crate::spec::{EstimatorSpec, LinearSpec, LinearStep, LinkSpec, ModelSpec, Prior, Span, Spec};
-use crate::target::TargetPackets;
+use crate::packet::Content;
+use crate::spec::{EstimatorSpec, LinearSpec, LinearStep, Prior, Span};
 use crate::tracker::Step;
 use crate::trackers::LaggedMode;
 use crate::trail::Trail;
 use fixtrail_core::estimators::kalman::{self, Innovation, Robust};
 use fixtrail_core::{Belief, Row, Vector};
-
-/// A linear model and its data.
-#[derive(Clone)]
-pub(super) struct LinearRun {
-    pub(super) spec: LinearSpec,
-    pub(super) packets: Vec<Packet>,
-}
-
-impl LinearRun {
-    /// Runs an estimator through the pipeline.
-    pub(super) fn track(&self, estimator: EstimatorSpec, lagged: LaggedMode) -> Result<Trail, BuildError> {
-        let spec = Spec {
-            model: ModelSpec::Linear(self.spec.clone()),
-            estimator,
-            link: LinkSpec::default(),
-            sensors: Vec::new(),
-            columns: Default::default(),
-            anchors: None,
-        };
-        let packets = TargetPackets { target: None, packets: self.packets.clone() };
-        let trail = pipeline::track(&spec, &Anchors::default(), &packets, lagged)
-            .map_err(|e| BuildError::new("vectors", None, None, e.to_string()))?;
-        Ok(trail.trail)
-    }
-}
-
-/// The full covariance of a row.
-pub(super) fn unpacked(trail: &Trail, row: usize) -> Option<Vec<f64>> {
-    let n = trail.n();
-    (0..n * n).map(|e| trail.cov_at(row, e / n, e % n)).collect()
-}
 
 /// One step of the filter as the core takes it.
 struct Filtered {

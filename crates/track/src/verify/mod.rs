@@ -3,6 +3,7 @@
 mod fms;
 mod json;
 mod kf;
+mod run;
 
 use crate::error::BuildError;
 use json::Json;
