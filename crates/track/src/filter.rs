@@ -8,7 +8,7 @@ use crate::model::Model;
 use crate::search::{Found, Search};
 use crate::tracker::Step;
 use fixtrail_core::estimators::diffuse::Diffuse;
-use fixtrail_core::estimators::kalman::{self, Evidence};
+use fixtrail_core::estimators::kalman::{self, Evidence, Robust};
 use fixtrail_core::estimators::smoother::Arrive;
 use fixtrail_core::{Belief, Row, Vector};
 
@@ -29,12 +29,23 @@ enum State<const N: usize> {
     /// Nothing has arrived.
     New,
     /// Linear, without a prior: exact diffuse recursion.
-    Diffuse(Box<Diffuse<N>>),
+    Diffuse(Box<Start<N>>),
     /// Nonlinear, without a prior: Gauss–Newton over a growing window.
     Searching(Box<Search<N>>),
     /// The state is known.
     Running(Belief<N>),
 }
+
+/// A linear start: the state may be determined already, but not yet well enough for an ordinary covariance.
+#[derive(Clone, Copy)]
+struct Start<const N: usize> {
+    pass: Diffuse<N>,
+    /// Instants since the state was determined.
+    determined: u32,
+}
+
+/// Instants after which an ordinary covariance takes over in any case; without process noise nothing else would end the start.
+const LONGEST_START: u32 = 64;
 
 /// The instant before.
 #[derive(Clone, Copy)]
@@ -128,34 +139,54 @@ impl<const N: usize> Filter<N> {
         Ok(judged(belief, &evidence))
     }
 
-    /// One step of a linear filter that does not know the state yet.
+    /// One step of a linear filter that does not know the state yet, or not well.
     fn start(&mut self, step: &Step<'_>, record: Option<&mut Vec<Linearised<N>>>) -> Result<Outcome<N>, StepError> {
         let zero = Vector::zeros();
-        let mut pass = match &self.state {
-            State::Diffuse(pass) => **pass,
-            _ => Diffuse::start(),
+        let mut start = match &self.state {
+            State::Diffuse(start) => **start,
+            _ => Start { pass: Diffuse::start(), determined: 0 },
         };
         let mut arrive = None;
         if let Some(past) = self.past {
             let leap = self.model.motion.leap(past.k, interval(past.t_s, step.t_s), &past.drive, &zero);
-            pass.leap(&leap.f, &leap.next, &leap.q);
+            start.pass.leap(&leap.f, &leap.next, &leap.q);
             arrive = Some(Arrive { f: leap.f, offset: leap.next, q: leap.q });
         }
         self.rows.clear();
         self.model.sensing.rows(step, &zero, &mut self.rows);
+        let predicted = if start.determined > 0 { start.pass.solve().filter } else { None };
         for row in &self.rows {
-            pass.update(row).map_err(StepError::Core)?;
+            start.pass.update(row).map_err(StepError::Core)?;
         }
-        let found = pass.solve().filter;
+        let found = start.pass.solve().filter;
         if let Some(record) = record {
             record.push(Linearised { nominal: zero, arrive, rows: self.rows.clone(), forgotten: false });
         }
+        let mut outcome = started(found, step);
+        if let (Some(prior), Some(_), false) = (predicted, found, self.rows.is_empty()) {
+            for row in &mut self.rows {
+                row.residual -= row.h.dot(&prior.mean);
+            }
+            if let Ok((_, evidence)) = kalman::update(&prior, &self.rows, Robust::None) {
+                outcome.nis = Some(evidence.nis);
+                outcome.nis_dof = evidence.dof;
+            }
+        }
         self.state = match found {
-            Some(belief) => State::Running(belief),
-            None => State::Diffuse(Box::new(pass)),
+            Some(belief) if start.is_over() => State::Running(belief),
+            Some(_) => State::Diffuse(Box::new(Start { determined: start.determined + 1, ..start })),
+            None => State::Diffuse(Box::new(start)),
         };
         self.remember(step, zero);
-        Ok(started(found, step))
+        Ok(outcome)
+    }
+}
+
+impl<const N: usize> Start<N> {
+    /// Whether an ordinary covariance can take over from a determined state.
+    fn is_over(&self) -> bool {
+        // Where the data will never see the whole first state, what they see of it has been forgotten by the motion.
+        self.determined >= LONGEST_START || !self.pass.determines_start() || self.pass.may_collapse()
     }
 }
 

@@ -106,16 +106,17 @@ fn linear_estimators_are_consistent() {
     let mut errors: [Chi; 6] = Default::default();
     let mut innovations: [Chi; 6] = Default::default();
     let mut lagged = Chi::default();
-    for _ in 0..2000 {
+    for i in 0..2000 {
+        let declared = if i % 2 == 0 { Declared::Invariant } else { Declared::Sequence };
         let (run, states) = draw(&mut rng, len);
         for (i, (_, estimator)) in estimators.iter().enumerate() {
-            let trail = tracked(&run, Declared::Invariant, *estimator, LaggedMode::Own);
+            let trail = tracked(&run, declared, *estimator, LaggedMode::Own);
             errors[i].add(nees(&trail, at, &states[at]), 3);
             if let Some(nis) = trail.nis[at] {
                 innovations[i].add(nis, trail.nis_dof[at] as usize);
             }
         }
-        let both = tracked(&run, Declared::Invariant, window, LaggedMode::Both);
+        let both = tracked(&run, declared, window, LaggedMode::Both);
         let (mean, cov) = both.lagged(at).expect("there is an estimate");
         let entry = |i: usize, j: usize| cov[Trail::packed_index(3, i.min(j), i.max(j))];
         lagged.add(squared_error(mean, entry, &states[at - 4]), 3);

@@ -187,6 +187,15 @@ impl<const N: usize> Diffuse<N> {
         self.watching = false;
     }
 
+    /// Whether an ordinary covariance can take over without losing digits: what is not known of the first state adds at most 1e6 times
+    /// the rest to any variance. First instants that lie close together leave velocities and accelerations so vague that a
+    /// recursion in `P` alone would have to subtract numbers of 1e15 and more.
+    pub fn may_collapse(&self) -> bool {
+        const MOST: f64 = 1e6;
+        let y = self.info.right_solve(&self.x);
+        (0..N).all(|i| y.row(i).norm_squared() <= MOST * self.p[(i, i)])
+    }
+
     /// Returns the estimates that the data determine.
     pub fn solve(&self) -> Joint<N> {
         let svd = self.seen.scaled_svd();

@@ -54,6 +54,12 @@ pub struct Instant<const N: usize> {
 }
 
 impl<const N: usize> Instant<N> {
+    /// What is to be kept of the instant that a pass has just come to.
+    pub fn of(pass: &Diffuse<N>, arrive: Option<&Arrive<N>>) -> Self {
+        let arrive = arrive.copied().unwrap_or_else(Arrive::still);
+        Self { arrive, a: pass.a, x: pass.x, p: pass.p, reach: pass.reach(), rows: 0 }
+    }
+
     /// A placeholder for storage.
     pub fn zero() -> Self {
         Self {
@@ -96,9 +102,7 @@ impl<const N: usize> Forward<N> {
             }
             self.pass.leap(&arrive.f, &arrive.offset, &arrive.q);
         }
-        let arrive = arrive.copied().unwrap_or_else(Arrive::still);
-        let Diffuse { a, x, p, .. } = self.pass;
-        Instant { arrive, a, x, p, reach: self.pass.reach(), rows: 0 }
+        Instant::of(&self.pass, arrive)
     }
 
     /// Takes one row of the present instant. Once a covariance leaves the range of numbers, nothing is determined any more.
@@ -115,11 +119,7 @@ impl<const N: usize> Forward<N> {
         if !self.diffuse {
             return StartState { mean, spread: Spread::None };
         }
-        if self.pass.determines_start() {
-            return StartState::of(self.pass.info);
-        }
-        let partial = self.pass.partial_start();
-        StartState { mean: partial.mean, spread: Spread::Partial(partial) }
+        StartState::after(&self.pass)
     }
 
     /// As [`Forward::start_state`], with a weak prior of mean 0 and the given standard deviations on the first state.
@@ -155,6 +155,15 @@ enum Spread<const N: usize> {
 }
 
 impl<const N: usize> StartState<N> {
+    /// The unknown first state of a pass, solved for as far as the data see it.
+    pub fn after(pass: &Diffuse<N>) -> Self {
+        if pass.determines_start() {
+            return Self::of(pass.info);
+        }
+        let partial = pass.partial_start();
+        Self { mean: partial.mean, spread: Spread::Partial(partial) }
+    }
+
     fn of(info: LeastSquares<N>) -> Self {
         Self { mean: info.right_solve(&Matrix::identity()) * info.y, spread: Spread::Full(info) }
     }

@@ -13,7 +13,10 @@ pub const ESTIMATORS: &[Named] = &[
     ("rts", "Rauch-Tung-Striebel smoother: every instant given the whole recording"),
     ("fixed-lag-kalman", "Kalman smoother a fixed `lag` behind the newest data"),
     ("fms", "finite-memory filter and smoother: best linear unbiased over a `window`, no prior"),
-    ("ufir", "unbiased finite impulse response filter over a `window`: needs no noise levels, linear only"),
+    (
+        "ufir",
+        "unbiased finite impulse response filter: least squares over a `window`, process noise ignored, linear only",
+    ),
 ];
 
 /// `estimator.kind`, one day.

@@ -5,6 +5,7 @@ use crate::estimators::fms::gain::{Column, Gain, Invariant, Shape};
 use crate::estimators::fms::lost::{LostRows, MOST_LOST};
 use crate::estimators::fms::varying::Varying;
 use crate::estimators::fms::{Align, STACKS_FROM};
+use crate::estimators::smoother::{Arrive, Backward, Instant, StartState};
 use crate::linalg::{cholesky, whiten};
 use crate::storage::Store;
 use crate::types::{Matrix, Row, StepError, Transition, Vector};
@@ -314,7 +315,7 @@ impl<const N: usize, S: Store> InvariantWindow<N, S> {
         joint
     }
 
-    /// The estimate by one exact-diffuse pass over the window.
+    /// The estimate by one exact-diffuse pass over the window, and for the lagged instant back again from the newest.
     fn passed(&self) -> Result<Joint<N>, StepError> {
         let mut rows = [Row { h: Vector::zeros(), residual: 0.0, var: 1.0 }; MOST_COMPONENTS];
         let leaps = match self.shape.align {
@@ -323,12 +324,14 @@ impl<const N: usize, S: Store> InvariantWindow<N, S> {
         };
         let lagged = leaps.checked_sub(self.shape.lag);
         let mut pass = Diffuse::start();
+        let mut at = None;
         for i in 0..=leaps {
             if i > 0 {
                 pass.leap(&self.leap.f, &self.drive(i - 1), &self.leap.q);
             }
             if lagged == Some(i) {
                 pass.mark_lag();
+                at = Some((i, Instant::of(&pass, None)));
             }
             if i < self.len {
                 let count = self.rows(i, &mut rows);
@@ -337,7 +340,20 @@ impl<const N: usize, S: Store> InvariantWindow<N, S> {
                 }
             }
         }
-        Ok(pass.solve())
+        let mut joint = pass.solve();
+        if let Some((lagged, at)) = at {
+            let start = StartState::after(&pass);
+            let mut backward = Backward::new(&start);
+            for i in (lagged..self.len).rev() {
+                let count = self.rows(i, &mut rows);
+                rows[..count].iter().for_each(|row| backward.row(row));
+                if i > lagged {
+                    backward.leap(&Arrive { f: self.leap.f, offset: self.drive(i - 1), q: self.leap.q });
+                }
+            }
+            joint.lagged = backward.smoothed(&at);
+        }
+        Ok(joint)
     }
 }
 

@@ -4,7 +4,7 @@
 //! backward information, [`smoother`](crate::estimators::smoother)) for the trajectory's correction, and moves the nominal. The trajectory of the
 //! window before, moved by one instant, is the warm start.
 
-use crate::estimators::diffuse::{Diffuse, Joint};
+use crate::estimators::diffuse::Joint;
 use crate::estimators::smoother::{Arrive, Forward, Instant, smooth};
 use crate::linalg::compress;
 use crate::storage::Store;
@@ -79,7 +79,7 @@ impl<const N: usize, S: Store> Newton<N, S> {
     }
 
     /// Estimates the newest of `len` instants and the one at index `lagged`. Both are `None` when the window does not determine the
-    /// trajectory or the iteration does not settle; the next window then starts cold.
+    /// trajectory or the iteration does not settle; the next window then starts cold. The cross-covariance is not computed.
     ///
     /// # Errors
     /// [`StepError::WindowFull`] when the window does not fit; nothing has changed then.
@@ -105,7 +105,7 @@ impl<const N: usize, S: Store> Newton<N, S> {
         }
         for iteration in 0..MOST_ITERATIONS {
             let damping = (was_cold && iteration < DAMPED_ITERATIONS).then_some(&cold.spread);
-            let Ok(Some(step)) = self.iterate(model, lagged, damping) else { break };
+            let Some(step) = self.iterate(model, lagged, damping) else { break };
             if !step.largest.is_finite() {
                 break;
             }
@@ -128,9 +128,8 @@ impl<const N: usize, S: Store> Newton<N, S> {
         model: &mut impl WindowModel<N>,
         lagged: Option<usize>,
         damping: Option<&Vector<N>>,
-    ) -> Result<Option<Settled<N>>, StepError> {
+    ) -> Option<Settled<N>> {
         let mut forward = Forward::start(None);
-        let mut joint = Diffuse::start();
         let mut buffer = [Row { h: Vector::zeros(), residual: 0.0, var: 1.0 }; MOST_ROWS];
         let mut count = 0;
         for i in 0..self.len {
@@ -139,19 +138,12 @@ impl<const N: usize, S: Store> Newton<N, S> {
                 let leap = model.leap(i, &self.nominal.as_ref()[i - 1]);
                 Arrive { f: leap.f, offset: leap.next - at, q: leap.q }
             });
-            if let Some(arrive) = &arrive {
-                joint.leap(&arrive.f, &arrive.offset, &arrive.q);
-            }
-            if lagged == Some(i) {
-                joint.mark_lag();
-            }
             let mut instant = forward.leap(arrive.as_ref());
             let given = model.rows(i, &at, &mut buffer);
             let (rows, _) = compress(&mut buffer[..given]);
             for row in &buffer[..rows] {
                 forward.update(row);
                 self.rows.as_mut()[count] = *row;
-                joint.update(row)?;
                 count += 1;
             }
             instant.rows = rows;
@@ -162,33 +154,29 @@ impl<const N: usize, S: Store> Newton<N, S> {
             None => forward.start_state(),
         };
         if !start.is_determined() {
-            return Ok(None);
+            return None;
         }
-        let solved = joint.solve();
         let nominal = self.nominal.as_mut();
-        let newest = nominal[self.len - 1];
-        let oldest = lagged.map(|i| nominal[i]);
-        let mut largest: f64 = 0.0;
+        let newest = self.len - 1;
+        let mut out = Settled { largest: 0.0, joint: Joint::none() };
         smooth(&start, &self.instants.as_ref()[..self.len], &self.rows.as_ref()[..count], |i, delta| {
             let Some(delta) = delta else { return };
             for c in 0..N {
                 let sd = libm::sqrt(delta.cov[(c, c)].max(f64::MIN_POSITIVE));
                 // NaN must not be lost in a maximum.
                 let ratio = delta.mean[c].abs() / sd;
-                largest = if ratio.is_nan() || ratio > largest { ratio } else { largest };
+                out.largest = if ratio.is_nan() || ratio > out.largest { ratio } else { out.largest };
             }
             nominal[i] += delta.mean;
+            let belief = Belief { mean: nominal[i], cov: delta.cov };
+            if i == newest {
+                out.joint.filter = Some(belief);
+            }
+            if lagged == Some(i) {
+                out.joint.lagged = Some(belief);
+            }
         });
-        let absolute =
-            |belief: Option<Belief<N>>, at: &Vector<N>| belief.map(|b| Belief { mean: b.mean + at, cov: b.cov });
-        Ok(Some(Settled {
-            largest,
-            joint: Joint {
-                filter: absolute(solved.filter, &newest),
-                lagged: oldest.and_then(|at| absolute(solved.lagged, &at)),
-                cross: solved.cross,
-            },
-        }))
+        Some(out)
     }
 }
 

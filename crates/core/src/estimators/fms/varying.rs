@@ -9,6 +9,7 @@ use crate::estimators::fms::STACKS_FROM;
 use crate::estimators::fms::element::Element;
 use crate::estimators::fms::stacks::Stacks;
 use crate::estimators::fms::window::{Node, Window};
+use crate::estimators::smoother::{Arrive, Backward, Instant, StartState};
 use crate::storage::Store;
 use crate::types::{Row, StepError, Transition};
 
@@ -111,28 +112,46 @@ impl<const N: usize, S: Store> Varying<N, S> {
         self.passed(split, leap).unwrap_or_else(|_| Joint::none())
     }
 
-    /// The estimate by one exact-diffuse pass over the window.
+    /// The estimate by one exact-diffuse pass over the window, and for the lagged instant back again from the newest.
     fn passed(&self, split: Option<usize>, leap: Option<&Transition<N>>) -> Result<Joint<N>, StepError> {
+        let len = self.window.len();
         let mut pass = Diffuse::start();
-        for i in 0..self.window.len() {
+        let mut at = None;
+        for i in 0..len {
             let node = self.window.get(i);
             if i > 0 {
                 pass.leap(&node.arrive.f, &node.arrive.next, &node.arrive.q);
             }
             if split == Some(i) {
                 pass.mark_lag();
+                at = Some(Instant::of(&pass, None));
             }
             for row in node.rows() {
                 pass.update(row)?;
             }
         }
+        let start = StartState::after(&pass);
         if let Some(leap) = leap {
             pass.leap(&leap.f, &leap.next, &leap.q);
-            if split == Some(self.window.len()) {
+            if split == Some(len) {
                 pass.mark_lag();
+                at = Some(Instant::of(&pass, None));
             }
         }
-        Ok(pass.solve())
+        let mut joint = pass.solve();
+        if let (Some(split), Some(at)) = (split, at) {
+            let mut backward = Backward::new(&start);
+            for i in (split..len).rev() {
+                let node = self.window.get(i);
+                node.rows().iter().for_each(|row| backward.row(row));
+                if i > split {
+                    let Transition { next, f, q } = node.arrive;
+                    backward.leap(&Arrive { f, offset: next, q });
+                }
+            }
+            joint.lagged = backward.smoothed(&at);
+        }
+        Ok(joint)
     }
 
     /// The estimate from the queues; `None` where they cannot decide.
