@@ -201,7 +201,7 @@ fn degrees_and_dates_come_back_as_they_came() {
     let file = SerializedFileReader::new(std::fs::File::open(folder.path("out.parquet")).unwrap()).unwrap();
     let metadata = file.metadata().file_metadata().key_value_metadata().unwrap();
     let origin = metadata.iter().find(|kv| kv.key == "fixtrail.origin").unwrap().value.as_deref();
-    assert_eq!(origin, Some(r#"{"alt":400.0,"lat":47.5,"lon":8.5}"#));
+    assert_eq!(origin, Some(r#"{"lat":47.5,"lon":8.5,"alt":400.0}"#));
 }
 
 #[test]

@@ -93,7 +93,7 @@ fn check_counts_rows_that_a_spec_leaves_out_and_refuses_one_that_does_not_fit() 
 fn demo_leaves_a_report_and_data_that_track_replays() {
     let folder = Folder::new();
     let ran = folder.run(&["demo", "--seed", "3", "-o", "walk"]).good();
-    for name in ["ekf", "fms", "rts", "fixed-lag-kalman", "confident", "coverage"] {
+    for name in ["ekf", "fms", "rts", "fixed-lag-kalman", "the true position is inside", "coverage"] {
         assert!(ran.out.contains(name), "{name}: {}", ran.out);
     }
     let page = folder.text("walk/report.html");

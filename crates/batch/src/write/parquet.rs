@@ -32,8 +32,9 @@ pub(super) fn write(job: &Job<'_>, to: To<'_>) -> Result<(), WriteError> {
     let schema = parse_message_type(&message).map_err(failed)?;
 
     let origin = job.meta.origin.map(|o| {
-        let json = serde_json::json!({"lat": o.lat_deg, "lon": o.lon_deg, "alt": o.alt_m});
-        vec![KeyValue::new("fixtrail.origin".to_owned(), json.to_string())]
+        // Written out: the order of a JSON object's keys depends on how the whole program is built.
+        let json = format!(r#"{{"lat":{:?},"lon":{:?},"alt":{:?}}}"#, o.lat_deg, o.lon_deg, o.alt_m);
+        vec![KeyValue::new("fixtrail.origin".to_owned(), json)]
     });
     let mut properties = WriterProperties::builder()
         .set_compression(Compression::SNAPPY)

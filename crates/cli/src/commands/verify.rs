@@ -60,10 +60,12 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
             Results::Stdout.line(format_args!("{}\n", blocks.join("\n\n")))?;
         }
         let total = counted(understood().count() as u64, "file");
-        Results::Stdout.line(match failed {
-            0 => format!("{total} verified, all within tolerance"),
-            n => format!("{total} verified, {n} outside of tolerance"),
-        })?;
+        if understood().count() > 0 {
+            Results::Stdout.line(match failed {
+                0 => format!("{total} verified, all within tolerance"),
+                n => format!("{total} verified, {n} outside of tolerance"),
+            })?;
+        }
     }
     refused().for_each(|(_, e)| error(e));
     Ok(match (refused().count(), failed) {

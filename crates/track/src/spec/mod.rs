@@ -173,7 +173,7 @@ pub enum EstimatorSpec {
     },
 }
 
-/// `[link]`: stamped only for now; the unstamped link has its own issue.
+/// `[link]`: stamped links only.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct LinkSpec {
     /// `late_s`: how far back a late packet is still used exactly; in a file run every row is in time.

@@ -54,10 +54,10 @@ fn sensor(table: &Table<'_>, axes: usize) -> Result<SensorSpec, BuildError> {
     if kind == Kind::Range && axes == 1 {
         return Err(kind_field.misfit("\"position\", as `model.axes` is 1 and a range needs 2 or 3"));
     }
-    let metres = "a standard deviation in metres, a positive finite number";
+    let metres = "a standard deviation in metres, a finite number from 1e-9";
     let sd = table
         .require("sd", &format!("{metres} (rows with an `sd` of their own use that instead)"))?
-        .number(metres, |v| v > 0.0)?;
+        .number(metres, |v| v >= 1e-9)?;
     let finite = |key: &str, expected: &str| table.get(key).map(|f| f.number(expected, |_| true)).transpose();
     let height_m = finite("height_m", "a finite number of metres")?;
     if let (Some(field), 3) = (table.get("height_m"), axes) {

@@ -6,6 +6,9 @@ use std::path::Path;
 use toml::Spanned;
 use toml::de::{DeFloat, DeInteger, DeTable, DeValue};
 
+/// Largest size of a number in a spec. Covariances multiply a few of them; beyond, a run would end in infinities.
+const LARGEST: f64 = 1e15;
+
 /// A value and its line.
 pub(super) struct Node {
     /// `None` for a document as a whole.
@@ -171,6 +174,9 @@ impl<'a> Field<'a> {
     /// The number, which is finite and satisfies `fits`.
     pub(super) fn number(&self, expected: &str, fits: impl Fn(f64) -> bool) -> Result<f64, BuildError> {
         match self.node.value {
+            Value::Number(v, _) if v.is_finite() && v.abs() > LARGEST => {
+                Err(self.misfit(&format!("{expected}, at most {LARGEST:e} in size")))
+            }
             Value::Number(v, _) if v.is_finite() && fits(v) => Ok(v),
             _ => Err(self.misfit(expected)),
         }

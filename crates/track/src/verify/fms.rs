@@ -158,6 +158,9 @@ fn windows<const N: usize>(v: &Vectors, expected: &Json<'_>) -> Result<Vec<Quant
     if ku.cols > 0 {
         out.push(gain("first_window.Ku", &ku, v, end, true, &joint)?);
     }
+    if let Some(h) = expected.optional("paper_H") {
+        out.extend(paper_gain(&h, v, end, &joint)?);
+    }
     let mut cov = Comparison::new("first_window.cov", Scale::Array, COVARIANCE);
     cov.add_optional(joint_covariance(&joint(end, None)?).as_deref(), Some(&first.get("cov")?.matrix()?.data));
     out.push(cov.done());
@@ -179,6 +182,26 @@ fn windows<const N: usize>(v: &Vectors, expected: &Json<'_>) -> Result<Vec<Quant
         out.push(all.done());
     }
     Ok(out)
+}
+
+/// The paper's H of eq. (14), `[[K_f, 0], [K_s, −I]]`: its left columns are our gain, its right block is fixed by eq. (11).
+fn paper_gain<const N: usize>(
+    h: &Json<'_>,
+    v: &Vectors,
+    end: usize,
+    joint: Windowed<'_, N>,
+) -> Result<[Quantity; 2], BuildError> {
+    let h = h.matrix()?;
+    let columns = h.cols.saturating_sub(N);
+    let block = |from: usize, to: usize| Mat {
+        rows: h.rows,
+        cols: to - from,
+        data: (0..h.rows).flat_map(|i| (from..to).map(move |j| (i, j))).map(|(i, j)| h.at(i, j)).collect(),
+    };
+    let mut fixed = Comparison::new("paper_H, right block", Scale::Entry, ESTIMATE);
+    let ours: Vec<f64> = (0..2 * N * N).map(|e| if e / N == e % N + N { -1.0 } else { 0.0 }).collect();
+    fixed.add(&ours, &block(columns, h.cols).data);
+    Ok([gain("paper_H, left columns", &block(0, columns), v, end, false, joint)?, fixed.done()])
 }
 
 /// A gain matrix, column by column: the estimate of unit data less the estimate of no data.

@@ -70,9 +70,12 @@ pub fn verify(text: &str, file: &Path) -> Result<FileVerdict, BuildError> {
                 .into_iter()
                 .filter_map(|(key, value)| value.map(|v| format!("{key} `{}`", shortened(&v))))
                 .collect();
-            let found = if found.is_empty() { "names no format, schema or kind".to_owned() } else { found.join(", ") };
+            let found = match found.as_slice() {
+                [] => "names no format, schema or kind".to_owned(),
+                named => format!("{} is not understood", named.join(", ")),
+            };
             let what = format!(
-                "{found} is not understood, expected format `fms-golden-1`, or schema `fosb-golden/1` of kind `kf2_rts_lag1` or `kf4`"
+                "{found}, expected format `fms-golden-1`, or schema `fosb-golden/1` of kind `kf2_rts_lag1` or `kf4`"
             );
             return Err(BuildError::new(file, None, None, what));
         }
