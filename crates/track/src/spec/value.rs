@@ -175,7 +175,7 @@ impl<'a> Field<'a> {
     pub(super) fn number(&self, expected: &str, fits: impl Fn(f64) -> bool) -> Result<f64, BuildError> {
         match self.node.value {
             Value::Number(v, _) if v.is_finite() && v.abs() > LARGEST => {
-                Err(self.misfit(&format!("{expected}, at most {LARGEST:e} in size")))
+                Err(self.misfit(format!("{expected}, at most {LARGEST:e} in size")))
             }
             Value::Number(v, _) if v.is_finite() && fits(v) => Ok(v),
             _ => Err(self.misfit(expected)),
