@@ -85,6 +85,21 @@ impl<R: Row> Reading<'_, R> {
         }
     }
 
+    /// The probability that the row's value is new.
+    pub fn arrival(&self) -> Result<Option<f64>, BuildError> {
+        const EXPECTED: &str = "a probability from 0 to 1, as `link.arrival` of the spec says";
+        let Some(place) = self.schema.arrival else { return Ok(None) };
+        let cell = self.row.cell(place);
+        let fail = |what: String| {
+            let name = self.schema.name(Some(place), "arrival");
+            BuildError::new(self.schema.file, Some(self.line), Some(&name), what)
+        };
+        match cell.number(EXPECTED).map_err(fail)? {
+            Some(p) if (0.0..=1.0).contains(&p) => Ok(Some(p)),
+            _ => Err(fail(format!("is {}, expected {EXPECTED}", cell.show()))),
+        }
+    }
+
     /// The measurement of the row, and for a position whether it is in latitude and longitude (then the content holds
     /// degrees, degrees and metres until the origin is known).
     pub fn content(&self, kind: Kind) -> Result<(Content, Option<bool>), BuildError> {

@@ -24,6 +24,10 @@ pub struct ReadOptions {
     pub kinds: Option<Vec<Kind>>,
     /// Sizes when the model is linear; without a spec they follow from the columns.
     pub linear: Option<LinearShape>,
+    /// Whether packets do not say when they were sensed: rows may then stand at the time of their reception.
+    pub unstamped: bool,
+    /// The file's column with the probability that a row's value is new.
+    pub arrival: Option<String>,
     /// Skips and counts bad rows.
     pub skip_bad_rows: bool,
     /// Format of the file; `None` goes by extension, then by the first bytes.

@@ -141,6 +141,7 @@ impl<'a> Rows<'a> {
         let sd = at.sd()?;
         let seq = at.schema.cell(row, Col::Seq).count("a sequence number, a whole number from 0");
         let seq = seq.map_err(|what| at.fail(Col::Seq, what))?;
+        let arrival = at.arrival()?;
         let (content, is_geodetic) = at.content(kind)?;
 
         let times = same_time_form(&at, self.times, time, received)?;
@@ -170,7 +171,7 @@ impl<'a> Rows<'a> {
             };
             group.dates.push(Dates { sensed_ns: ns, received_ns });
         }
-        group.packets.push(Packet { t_s, k, content, sd, seq, received_s, line });
+        group.packets.push(Packet { t_s, k, content, sd, seq, received_s, arrival, line });
         if let Some(now) = time {
             match group.latest {
                 Some(latest) if now.is_before(latest) => self.counts.out_of_order += 1,

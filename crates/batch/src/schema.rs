@@ -60,8 +60,12 @@ pub(crate) struct Schema<'a> {
     pub z: Vec<Option<usize>>,
     /// Positions of `u1 …`.
     pub u: Vec<Option<usize>>,
+    /// Position of the column with the probability that a value is new.
+    pub arrival: Option<usize>,
     /// Kind of rows that do not name one.
     pub kind: Option<Kind>,
+    /// Whether packets do not say when they were sensed.
+    unstamped: bool,
     /// Names that nobody asked for.
     pub ignored: Vec<String>,
 }
@@ -75,7 +79,9 @@ impl<'a> Schema<'a> {
             known: [None; KNOWN.len()],
             z: Vec::new(),
             u: Vec::new(),
+            arrival: None,
             kind: None,
+            unstamped: false,
             ignored: Vec::new(),
         }
     }
@@ -122,9 +128,22 @@ impl<'a> Schema<'a> {
             }
         }
         let find = |name: &str, alias| columns::find(names, name, alias, mapping, extent);
-        let mut schema = Schema { names: names.to_vec(), ..Schema::new(before.file) };
+        let mut schema = Schema { names: names.to_vec(), unstamped: options.unstamped, ..Schema::new(before.file) };
         for (place, k) in schema.known.iter_mut().zip(&KNOWN) {
             *place = find(k.name, k.alias)?;
+        }
+        if options.unstamped && !schema.has(Col::T) {
+            schema.known[Col::T as usize] = schema.known[Col::Received as usize];
+        }
+        if let Some(name) = &options.arrival {
+            schema.arrival = names.iter().position(|n| n == name);
+            if schema.arrival.is_none() && extent == Extent::Whole {
+                let what = format!(
+                    "is missing, `link.arrival` of the spec says it holds the arrival rate; there are {}",
+                    columns::list(names)
+                );
+                return Err((Some(name.clone()), what));
+            }
         }
         // z1 … belong to a linear model; in any other table they are columns nobody asked for.
         let may_be_linear = options.linear.is_some() || matches!(options.default_kind, None | Some(Kind::Linear));
@@ -171,7 +190,7 @@ impl<'a> Schema<'a> {
 
     /// Whether the column at a position of the file is read.
     pub fn reads(&self, place: usize) -> bool {
-        [&self.known[..], &self.z, &self.u].iter().any(|places| places.contains(&Some(place)))
+        [&self.known[..], &self.z, &self.u, &[self.arrival]].iter().any(|places| places.contains(&Some(place)))
     }
 
     /// Refuses a table without the columns that every row will need.
@@ -201,7 +220,8 @@ impl<'a> Schema<'a> {
             }
             return Ok(());
         }
-        need(Col::T, "expected the time in seconds or RFC 3339")?;
+        let or_received = if self.unstamped { " (or `received`, as the link has no time stamps)" } else { "" };
+        need(Col::T, &format!("expected the time in seconds or RFC 3339{or_received}"))?;
         match self.kind.filter(|_| !self.has(Col::Kind)) {
             Some(Kind::Position) if !self.has(Col::Lat) => {
                 need(Col::X, "expected `x` and `y` in metres, or `lat` and `lon`")

@@ -6,7 +6,7 @@ use crate::schema::Col;
 use crate::time::{self, TimeForm};
 use fixtrail_track::error::BuildError;
 use fixtrail_track::geo::{self, Origin};
-use fixtrail_track::packet::{AnchorId, Content, Kind, Packet};
+use fixtrail_track::packet::{Content, Kind, Packet};
 use fixtrail_track::target::TargetPackets;
 use std::cmp::Ordering;
 
@@ -162,7 +162,7 @@ fn settle_target(target: &mut TargetPackets, rows: &mut Rows<'_>) -> Result<(), 
 fn contradiction(target: Option<&str>, first: &Packet, other: &Packet, rows: &Rows<'_>) -> BuildError {
     let mut of = target.map_or_else(String::new, |t| format!(" for target `{t}`"));
     let anchors = rows.anchors.anchors;
-    for id in anchor_ids(&other.content).into_iter().flatten() {
+    for id in other.content.anchors().into_iter().flatten() {
         of.push_str(&format!(", anchor `{}`", anchors.name(id)));
     }
     let when = match other.k.filter(|_| rows.schema.has(Col::K)) {
@@ -197,23 +197,12 @@ fn says_the_same(a: &Packet, b: &Packet) -> bool {
     a.content == b.content && a.sd == b.sd && a.t_s == b.t_s
 }
 
-fn anchor_ids(content: &Content) -> [Option<AnchorId>; 2] {
-    match content {
-        Content::Range { anchor, .. } | Content::Rssi { anchor, .. } | Content::Bearing { anchor, .. } => {
-            [Some(*anchor), None]
-        }
-        Content::Tdoa { anchor, reference, .. } => [Some(*anchor), Some(*reference)],
-        Content::Position(_) | Content::Linear { .. } => [None, None],
-    }
-}
-
 /// Orders by instant, kind and anchors: packets that are equal here measure the same thing.
 fn same_slot(a: &Packet, b: &Packet, by_k: bool) -> Ordering {
     if by_k {
         return a.k.cmp(&b.k);
     }
-    let what = |p: &Packet| (p.content.kind(), anchor_ids(&p.content));
-    a.t_s.total_cmp(&b.t_s).then_with(|| what(a).cmp(&what(b)))
+    a.t_s.total_cmp(&b.t_s).then_with(|| a.source().cmp(&b.source()))
 }
 
 /// Orders packets that measure the same thing, so that of several equal ones the same is kept always.

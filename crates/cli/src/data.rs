@@ -7,7 +7,7 @@ use fixtrail_batch::{Format, Input, LinearShape, ReadOptions, Table, read_table}
 use fixtrail_track::error::BuildError;
 use fixtrail_track::packet::Kind;
 use fixtrail_track::registry::{self, BuildOptions};
-use fixtrail_track::spec::{self, ModelSpec, Spec};
+use fixtrail_track::spec::{self, ArrivalSpec, ModelSpec, Receiver, Spec};
 use fixtrail_track::survey::{Circumstances, ProposeError, Survey, propose, survey};
 use fixtrail_track::trackers::LaggedMode;
 use std::collections::BTreeMap;
@@ -168,6 +168,10 @@ impl DataArguments {
         };
         let Some(spec) = spec else { return options };
         options.columns = spec.columns.clone();
+        options.unstamped = matches!(spec.link.receiver, Receiver::Unstamped { .. });
+        if let Some(ArrivalSpec::Column(name)) = &spec.link.arrival {
+            options.arrival = Some(name.clone());
+        }
         match &spec.model {
             ModelSpec::Linear(linear) => {
                 options.linear = Some(LinearShape { q: linear.base.c.rows, p_u: linear.base.b.cols });

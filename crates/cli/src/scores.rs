@@ -37,7 +37,10 @@ pub fn judge(spec: &Spec, kind: Kind, trails: &[TargetTrail], truth: &[TargetTru
 
 /// The smoother's half of trails that hold both, its rows at the times they describe.
 pub fn smoothers(trails: &[TargetTrail]) -> Vec<TargetTrail> {
-    trails.iter().map(|t| TargetTrail { target: t.target.clone(), trail: smoother(&t.trail) }).collect()
+    trails
+        .iter()
+        .map(|t| TargetTrail { target: t.target.clone(), trail: smoother(&t.trail), link: t.link.clone() })
+        .collect()
 }
 
 fn smoother(both: &Trail) -> Trail {

@@ -4,6 +4,7 @@
 //! lent by the caller, and a lost packet is an empty slice of rows.
 #![no_std]
 
+pub mod arrival;
 pub mod estimators;
 pub mod linalg;
 pub mod models;

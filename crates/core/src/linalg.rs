@@ -247,6 +247,44 @@ fn one_sided_jacobi<const N: usize>(mut m: Matrix<N, N>) -> (Vector<N>, Matrix<N
     (sigma, m, v)
 }
 
+/// Returns the inverse of a positive definite `m` and the logarithm of its determinant, or `None` when `m` has no Cholesky factor.
+pub fn definite_inverse<const M: usize>(m: &Matrix<M, M>) -> Option<(Matrix<M, M>, f64)> {
+    let mut l = *m;
+    // Symmetric: column-major and row-major storage are the same matrix, so L comes back transposed.
+    if !cholesky(l.as_mut_slice(), M) {
+        return None;
+    }
+    let mut inverse = Matrix::<M, M>::identity();
+    let mut log_det = 0.0;
+    for i in 0..M {
+        let d = l[(i, i)];
+        log_det += 2.0 * libm::log(d);
+        for c in 0..=i {
+            let mut v = inverse[(i, c)];
+            for k in c..i {
+                v -= l[(k, i)] * inverse[(k, c)];
+            }
+            inverse[(i, c)] = v / d;
+        }
+    }
+    Some((inverse.transpose() * inverse, log_det))
+}
+
+/// Returns the pseudo-inverse of a positive semidefinite `m` without the eigenvalues up to `least`, and how many were left.
+pub fn pseudo_inverse<const M: usize>(m: &Matrix<M, M>, least: f64) -> (Matrix<M, M>, usize) {
+    let (sigma, u_sigma, v) = one_sided_jacobi(*m);
+    let mut out = Matrix::<M, M>::zeros();
+    let mut rank = 0;
+    for j in 0..M {
+        let s = sigma[j];
+        if s > least {
+            out += v.column(j) * u_sigma.column(j).transpose() * (1.0 / (s * s));
+            rank += 1;
+        }
+    }
+    (symmetrised(&out), rank)
+}
+
 /// LU factors with partial pivoting.
 #[derive(Clone, Copy, Debug)]
 pub struct Lu<const N: usize> {

@@ -3,7 +3,7 @@
 /// Makes slices of a wanted length.
 pub trait Store {
     /// What holds the values.
-    type Of<T: Copy>: AsRef<[T]> + AsMut<[T]>;
+    type Of<T: Copy>: AsRef<[T]> + AsMut<[T]> + Clone;
 
     /// Returns room for at least `len` copies of `value`, or `None` when there is none.
     fn filled<T: Copy>(len: usize, value: T) -> Option<Self::Of<T>>;

@@ -58,6 +58,17 @@ pub enum StepError {
         /// Index of the first offending component.
         component: usize,
     },
+    /// The unconditional second moment of the state left the range of numbers while the gain depends on it.
+    #[error(
+        "the second moment of the state is no longer finite; while values may be old the gain depends on it: no linear filter follows an \
+         unstable system whose arrivals it does not know"
+    )]
+    SecondMoment,
+    /// A transition cannot be run backwards.
+    #[error(
+        "the transition of the step before is singular, and the filter needs its inverse for a value two steps old"
+    )]
+    SingularTransition,
     /// A window is longer than the storage lent for it.
     #[error("the window holds {capacity} entries, {needed} are needed")]
     WindowFull {

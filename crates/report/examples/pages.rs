@@ -74,6 +74,7 @@ fn fleet(points: usize) -> Result<String, String> {
                     sd: None,
                     seq: None,
                     received_s: None,
+                    arrival: None,
                     line: k as u64 + 1,
                 })
                 .collect(),

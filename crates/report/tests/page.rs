@@ -123,6 +123,7 @@ fn linear_page_shows_states_and_breaks_lines_where_unobservable() {
                 sd: None,
                 seq: None,
                 received_s: None,
+                arrival: None,
                 line: k + 1,
             })
             .collect(),
@@ -172,6 +173,7 @@ fn page_of_a_hundred_thousand_rows_and_three_estimators_stays_below_three_megaby
                 sd: None,
                 seq: None,
                 received_s: None,
+                arrival: None,
                 line: i as u64 + 1,
             })
             .collect(),
@@ -228,7 +230,8 @@ fn dozens_of_targets_are_all_in_the_table_and_the_worst_in_detail() {
 
 #[test]
 fn empty_trails_give_a_page_without_charts() {
-    let trails = [TargetTrail { target: None, trail: fixtrail_track::trail::Trail::new(4, false) }];
+    let trails =
+        [TargetTrail { target: None, trail: fixtrail_track::trail::Trail::new(4, false), link: Default::default() }];
     let page = render(&Page {
         title: "nothing",
         subtitle: "",
@@ -258,7 +261,7 @@ fn one_axis_shows_position_over_time_with_its_unit() {
             lagged: None,
         });
     }
-    let trails = [TargetTrail { target: None, trail: t }];
+    let trails = [TargetTrail { target: None, trail: t, link: Default::default() }];
     let page = render(&Page {
         title: "rail",
         subtitle: "",

@@ -105,6 +105,7 @@ pub fn demo(seed: u64) -> Demo {
                 sd: None,
                 seq: Some(round as u64),
                 received_s: None,
+                arrival: None,
                 line: packets.len() as u64 + 1,
             });
         }

@@ -33,7 +33,7 @@ fn trail(n: usize, rows: &[TestRow<'_>]) -> Trail {
 }
 
 fn named(target: Option<&str>, trail: Trail) -> TargetTrail {
-    TargetTrail { target: target.map(str::to_owned), trail }
+    TargetTrail { target: target.map(str::to_owned), trail, link: Default::default() }
 }
 
 fn truth(target: Option<&str>, points: &[(f64, f64, f64)]) -> TargetTruth {

@@ -25,6 +25,7 @@ pub struct Outcome<const N: usize> {
     pub nis_dof: u32,
 }
 
+#[derive(Clone)]
 enum State<const N: usize> {
     /// Nothing has arrived.
     New,
@@ -57,6 +58,7 @@ struct Past<const N: usize> {
 }
 
 /// Filter of one target.
+#[derive(Clone)]
 pub struct Filter<const N: usize> {
     /// What it filters by.
     pub model: Model<N>,

@@ -2,12 +2,13 @@
 
 use crate::anchors::Anchors;
 use crate::layout::Layout;
-use crate::packet::{Content, Kind};
+use crate::packet::{Content, Kind, Packet};
 use crate::spec::{LinearStep, Robust, SensorSpec};
 use crate::tracker::Step;
 use fixtrail_core::linalg::whiten;
 use fixtrail_core::models::{CoordinatedTurn, Integrators};
 use fixtrail_core::{Belief, Matrix, Row, Transition, Vector, sensors};
+use std::sync::Arc;
 
 /// How a target moves.
 pub trait Motion<const N: usize>: Send + Sync {
@@ -24,16 +25,50 @@ pub trait Motion<const N: usize>: Send + Sync {
 pub trait Sensing<const N: usize>: Send + Sync {
     /// Appends the rows of one instant's packets, linearised at `x`. Packets of kinds without a sensor add nothing.
     fn rows(&self, step: &Step<'_>, x: &Vector<N>, out: &mut Vec<Row<N>>);
+
+    /// Appends what the receiver of a link without time stamps holds at an instant, linearised at `x`: every value that a packet has room
+    /// for, also one that is lost, with noise that may be correlated.
+    fn held(&self, step: &Step<'_>, x: &Vector<N>, out: &mut HeldRows<N>);
+}
+
+/// What a receiver holds at one instant.
+#[derive(Clone, Debug)]
+pub struct HeldRows<const N: usize> {
+    /// Values; absent where a component was lost.
+    pub values: Vec<Option<f64>>,
+    /// Values expected at the linearisation point.
+    pub expected: Vec<f64>,
+    /// Gradients.
+    pub h: Vec<Vector<N>>,
+    /// Noise covariance, row by row.
+    pub r: Vec<f64>,
+}
+
+impl<const N: usize> Default for HeldRows<N> {
+    fn default() -> Self {
+        Self { values: Vec::new(), expected: Vec::new(), h: Vec::new(), r: Vec::new() }
+    }
+}
+
+impl<const N: usize> HeldRows<N> {
+    /// Forgets all.
+    pub fn clear(&mut self) {
+        self.values.clear();
+        self.expected.clear();
+        self.h.clear();
+        self.r.clear();
+    }
 }
 
 /// Everything a tracker needs to know of a spec, at its dimension.
+#[derive(Clone)]
 pub struct Model<const N: usize> {
     /// Names of the state.
     pub layout: Layout,
     /// How the target moves.
-    pub motion: Box<dyn Motion<N>>,
+    pub motion: Arc<dyn Motion<N>>,
     /// How it is measured.
-    pub sensing: Box<dyn Sensing<N>>,
+    pub sensing: Arc<dyn Sensing<N>>,
     /// Prior of the first instant; none: the start is unknown.
     pub prior: Option<Belief<N>>,
     /// Whether motion or a sensor is nonlinear.
@@ -47,7 +82,7 @@ pub struct Model<const N: usize> {
 impl<const N: usize> Model<N> {
     /// `B u` of the inputs on an instant's packets.
     pub fn drive(&self, step: &Step<'_>) -> Vector<N> {
-        for packet in step.packets {
+        for packet in step.held {
             if let Content::Linear { u, .. } = &packet.content {
                 return self.motion.drive(step.k, u);
             }
@@ -175,6 +210,20 @@ impl<const N: usize> Sensing<N> for LinearModel<N> {
             debug_assert!(whitened);
         }
     }
+
+    fn held(&self, step: &Step<'_>, x: &Vector<N>, out: &mut HeldRows<N>) {
+        let matrices = self.at(step.k);
+        let z = step.held.iter().find_map(|p| match &p.content {
+            Content::Linear { z, .. } => Some(z.as_slice()),
+            _ => None,
+        });
+        for (i, c) in matrices.c.iter().enumerate() {
+            out.values.push(z.and_then(|z| z.get(i).copied().flatten()));
+            out.expected.push(c.dot(x));
+            out.h.push(*c);
+        }
+        out.r.extend_from_slice(&matrices.r);
+    }
 }
 
 /// Position and range sensors of a kinematic model.
@@ -206,28 +255,53 @@ impl Radios {
     }
 }
 
+impl Radios {
+    /// Hands on each value of a packet, less its anchor's bias, with its row; the residual of an absent value is that of 0.
+    fn each<const N: usize>(&self, packet: &Packet, x: &Vector<N>, mut hand_on: impl FnMut(Option<f64>, Row<N>)) {
+        let kind = packet.content.kind();
+        let Some(radio) = self.sensors.iter().find(|s| s.kind == kind) else { return };
+        let sd = packet.sd.unwrap_or(radio.sd);
+        let var = sd * sd;
+        match &packet.content {
+            Content::Position(xyz) => {
+                for (axis, value) in xyz.iter().enumerate().take(self.axes) {
+                    hand_on(*value, sensors::position(x, axis, value.unwrap_or(0.0), var));
+                }
+            }
+            Content::Range { anchor, value_m } => {
+                let (at, bias) = radio.anchors[*anchor as usize];
+                let value_m = value_m - bias;
+                hand_on(Some(value_m), sensors::range(x, self.axes, at, radio.height_m, value_m, var));
+            }
+            Content::Rssi { .. } | Content::Tdoa { .. } | Content::Bearing { .. } | Content::Linear { .. } => {}
+        }
+    }
+}
+
 impl<const N: usize> Sensing<N> for Radios {
     fn rows(&self, step: &Step<'_>, x: &Vector<N>, out: &mut Vec<Row<N>>) {
         for packet in step.packets {
-            let kind = packet.content.kind();
-            let Some(radio) = self.sensors.iter().find(|s| s.kind == kind) else { continue };
-            let sd = packet.sd.unwrap_or(radio.sd);
-            let var = sd * sd;
-            match &packet.content {
-                Content::Position(xyz) => {
-                    for (axis, value) in xyz.iter().enumerate().take(self.axes) {
-                        if let Some(value_m) = value {
-                            out.push(sensors::position(x, axis, *value_m, var));
-                        }
-                    }
+            self.each(packet, x, |value, row| {
+                if value.is_some() {
+                    out.push(row);
                 }
-                Content::Range { anchor, value_m } => {
-                    let (at, bias) = radio.anchors[*anchor as usize];
-                    out.push(sensors::range(x, self.axes, at, radio.height_m, value_m - bias, var));
-                }
-                Content::Rssi { .. } | Content::Tdoa { .. } | Content::Bearing { .. } | Content::Linear { .. } => {}
-            }
+            });
         }
+    }
+
+    fn held(&self, step: &Step<'_>, x: &Vector<N>, out: &mut HeldRows<N>) {
+        for packet in step.held {
+            self.each(packet, x, |value, row| {
+                out.values.push(value);
+                out.expected.push(value.unwrap_or(0.0) - row.residual);
+                out.h.push(row.h);
+                out.r.push(row.var);
+            });
+        }
+        // Independent noise: the variances become a diagonal.
+        let q = out.r.len();
+        let vars = std::mem::take(&mut out.r);
+        out.r.extend((0..q * q).map(|e| if e / q == e % q { vars[e % q] } else { 0.0 }));
     }
 }
 

@@ -18,6 +18,8 @@ pub struct Packet {
     pub seq: Option<u64>,
     /// When it was received: seconds since the table's epoch.
     pub received_s: Option<f64>,
+    /// Probability that it was sensed at `t_s`, where a column says so.
+    pub arrival: Option<f64>,
     /// Where it stands: line of a text file or row of a Parquet file, from 1, for messages.
     pub line: u64,
 }
@@ -106,7 +108,28 @@ impl Kind {
     }
 }
 
+/// What measured: the kind, and the anchors in their order. Two packets of one instant and source are copies.
+pub type Source = (Kind, [Option<AnchorId>; 2]);
+
+impl Packet {
+    /// What measured it.
+    pub fn source(&self) -> Source {
+        (self.content.kind(), self.content.anchors())
+    }
+}
+
 impl Content {
+    /// The anchor and the reference anchor, where there are any.
+    pub fn anchors(&self) -> [Option<AnchorId>; 2] {
+        match self {
+            Content::Range { anchor, .. } | Content::Rssi { anchor, .. } | Content::Bearing { anchor, .. } => {
+                [Some(*anchor), None]
+            }
+            Content::Tdoa { anchor, reference, .. } => [Some(*anchor), Some(*reference)],
+            Content::Position(_) | Content::Linear { .. } => [None, None],
+        }
+    }
+
     /// The kind of this measurement.
     pub fn kind(&self) -> Kind {
         match self {

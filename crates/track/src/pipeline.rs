@@ -6,7 +6,7 @@ use crate::fix::Sink;
 use crate::link::Link;
 use crate::packet::Packet;
 use crate::registry::{self, BuildOptions};
-use crate::spec::Spec;
+use crate::spec::{Receiver, Spec};
 use crate::target::{TargetPackets, TargetTrail};
 use crate::tracker::Tracker;
 use crate::trackers::LaggedMode;
@@ -19,9 +19,13 @@ pub struct Pipeline {
 }
 
 impl Pipeline {
-    /// A pipeline before its first packet.
-    pub fn new(tracker: Box<dyn Tracker>) -> Self {
-        Self { link: Link::default(), tracker }
+    /// The pipeline of one target before its first packet.
+    ///
+    /// # Errors
+    /// [`BuildError`] when the spec does not make an estimator.
+    pub fn new(spec: &Spec, anchors: &Anchors, lagged: LaggedMode) -> Result<Self, BuildError> {
+        let tracker = registry::build(spec, anchors, &BuildOptions { lagged })?;
+        Ok(Self { link: Link::new(&spec.link, spec.model.prior().is_some()), tracker })
     }
 
     /// Takes one packet; the fixes that it settles go to `sink`.
@@ -31,6 +35,24 @@ impl Pipeline {
     pub fn push(&mut self, packet: Packet, sink: &mut dyn Sink) -> Result<(), StepError> {
         let Self { link, tracker } = self;
         link.push(packet, |step| tracker.step(step, sink))
+    }
+
+    /// Hands on what a listener would be told now: the fixes of all instants that late packets may still change, up to instant `until`
+    /// of a linear run even if nothing of it arrived. The run itself goes on unchanged.
+    ///
+    /// # Errors
+    /// [`StepError`] when a step cannot be taken.
+    pub fn now(&self, until: Option<u64>, sink: &mut dyn Sink) -> Result<(), StepError> {
+        let (mut reader, mut tracker) = (self.link.reader().clone(), self.tracker.boxed_clone());
+        for slot in self.link.waiting() {
+            reader.read(slot, |step| tracker.step(step, sink))?;
+        }
+        reader.skip_to(until.map_or(0, |k| k + 1), |step| tracker.step(step, sink))
+    }
+
+    /// The link, for what it has counted and what waits in it.
+    pub fn link(&self) -> &Link {
+        &self.link
     }
 
     /// Ends the run: what waits in the link and what the tracker owes goes to `sink`.
@@ -62,7 +84,7 @@ pub enum TrackError {
     },
 }
 
-/// Tracks one target from its sorted packets.
+/// Tracks one target from its packets, sorted by time. A spec with `late_s` takes them in the order in which they came.
 ///
 /// # Errors
 /// [`TrackError`] when the spec does not make an estimator or a step cannot be taken.
@@ -72,7 +94,7 @@ pub fn track(
     packets: &TargetPackets,
     lagged: LaggedMode,
 ) -> Result<TargetTrail, TrackError> {
-    let mut pipeline = Pipeline::new(registry::build(spec, anchors, &BuildOptions { lagged })?);
+    let mut pipeline = Pipeline::new(spec, anchors, lagged)?;
     let mut trail = Trail::new(registry::layout(spec).n(), lagged == LaggedMode::Both);
     let named = |line: u64| {
         move |error: StepError| TrackError::Step {
@@ -82,10 +104,17 @@ pub fn track(
         }
     };
     let mut line = 0;
-    for packet in packets.packets.iter().filter(|p| spec.uses(p.content.kind())) {
+    let mut arriving: Vec<&Packet> = packets.packets.iter().filter(|p| spec.uses(p.content.kind())).collect();
+    if let Receiver::Stamped { late_s: Some(_) } = spec.link.receiver {
+        // When a packet came: by its reception time where the table has them, else by its row.
+        let timed = arriving.iter().any(|p| p.received_s.is_some());
+        let came = |p: &Packet| if timed { p.received_s.unwrap_or(p.t_s) } else { 0.0 };
+        arriving.sort_by(|a, b| came(a).total_cmp(&came(b)).then(a.line.cmp(&b.line)));
+    }
+    for packet in arriving {
         line = packet.line;
         pipeline.push(packet.clone(), &mut trail).map_err(named(line))?;
     }
     pipeline.finish(&mut trail).map_err(named(line))?;
-    Ok(TargetTrail { target: packets.target.clone(), trail })
+    Ok(TargetTrail { target: packets.target.clone(), trail, link: pipeline.link.report() })
 }

@@ -9,19 +9,28 @@ use crate::model::{
     LinearModel, Model, Motion, Radios, Sensing, column_vectors, process_noise, robust, row_vectors, square,
 };
 use crate::packet::Kind;
-use crate::spec::{Align, EstimatorSpec, LinearSpec, ModelSpec, Prior, Span, Spec};
+use crate::spec::{Align, EmvfVariant, EstimatorSpec, LinearSpec, ModelSpec, Prior, Receiver, Span, Spec};
 use crate::tracker::Tracker;
 use crate::trackers::LaggedMode;
 use crate::trackers::fixed_lag::FixedLag;
 use crate::trackers::fms::{Fms, FmsSpec, Window};
 use crate::trackers::fms_newton::FmsNewton;
+use crate::trackers::held::{Begin, Held, Options};
 use crate::trackers::kalman::Kalman;
 use crate::trackers::rts::Rts;
 use crate::trackers::ufir::Ufir;
 use fixtrail_core::Belief;
+use fixtrail_core::estimators::emvf::{self, Emvf, Variant};
 use fixtrail_core::estimators::fms::gain::Shape;
 use fixtrail_core::estimators::fms::invariant::{self, InvariantWindow};
+use fixtrail_core::estimators::gpb1::Gpb1;
+use fixtrail_core::estimators::lmmse::{Lmmse, Spread};
+use fixtrail_core::estimators::lmvf::Lmvf;
 use fixtrail_core::models::{CoordinatedTurn, Integrators};
+use std::sync::Arc;
+
+/// Most values at an instant of a link without time stamps.
+pub const MAX_HELD: usize = 8;
 
 /// What the caller wants of a tracker besides the spec.
 #[derive(Clone, Copy, Debug, Default)]
@@ -55,7 +64,7 @@ pub fn build(spec: &Spec, anchors: &Anchors, options: &BuildOptions) -> Result<B
     match &spec.model {
         ModelSpec::Turn(turn) => {
             let motion = CoordinatedTurn::new(turn.noise, turn.turn_noise).map_err(|e| fail(e.to_string()))?;
-            assemble(spec, anchors, options, Box::new(motion), turn.prior.as_ref(), true)
+            assemble(spec, anchors, options, Arc::new(motion), turn.prior.as_ref(), true)
         }
         _ => {
             let n = layout(spec).n();
@@ -77,14 +86,15 @@ fn build_sized<const N: usize>(
                 *p = *noise;
             }
             let motion = Integrators::<N>::new(k.order, k.axes, psd).map_err(|e| fail(e.to_string()))?;
-            assemble(spec, anchors, options, Box::new(motion), k.prior.as_ref(), false)
+            assemble(spec, anchors, options, Arc::new(motion), k.prior.as_ref(), false)
         }
         ModelSpec::Linear(l) => {
             let steps = if l.sequence.is_empty() { std::slice::from_ref(&l.base) } else { &l.sequence[..] };
+            let model = Arc::new(LinearModel::<N>::new(steps));
             let model = Model {
                 layout: layout(spec),
-                motion: Box::new(LinearModel::<N>::new(steps)),
-                sensing: Box::new(LinearModel::<N>::new(steps)),
+                motion: model.clone(),
+                sensing: model,
                 prior: l.prior.as_ref().map(belief),
                 nonlinear: false,
                 robust: fixtrail_core::estimators::kalman::Robust::None,
@@ -101,12 +111,12 @@ fn assemble<const N: usize>(
     spec: &Spec,
     anchors: &Anchors,
     options: &BuildOptions,
-    motion: Box<dyn Motion<N>>,
+    motion: Arc<dyn Motion<N>>,
     prior: Option<&Prior>,
     nonlinear_motion: bool,
 ) -> Result<Box<dyn Tracker>, BuildError> {
     let layout = layout(spec);
-    let sensing: Box<dyn Sensing<N>> = Box::new(Radios::new(layout.axes, &spec.sensors, anchors));
+    let sensing: Arc<dyn Sensing<N>> = Arc::new(Radios::new(layout.axes, &spec.sensors, anchors));
     let nonlinear = nonlinear_motion || spec.sensors.iter().any(|s| s.kind != Kind::Position);
     let model = Model {
         layout,
@@ -146,6 +156,59 @@ fn estimator<const N: usize>(
             };
             Box::new(Fms::new(model, shape, mode, held))
         }
+        EstimatorSpec::Lmvf { .. } | EstimatorSpec::Lmmse | EstimatorSpec::Emvf { .. } | EstimatorSpec::Gpb1 => {
+            return held(spec, model);
+        }
+    })
+}
+
+/// An estimator for a link without time stamps, with room for as many values as an instant has: 1, 2 or [`MAX_HELD`].
+fn held<const N: usize>(spec: &Spec, model: Model<N>) -> Result<Box<dyn Tracker>, BuildError> {
+    let least = match &spec.model {
+        ModelSpec::Linear(l) => l.base.c.rows,
+        _ if spec.sensors.iter().all(|s| s.kind == Kind::Range) => 1,
+        _ => model.layout.axes,
+    };
+    // How many ranges come together is known from the data alone.
+    match least {
+        1 if matches!(spec.model, ModelSpec::Linear(_)) || model.layout.axes == 1 => held_sized::<N, 1>(spec, model),
+        2 if spec.sensors.len() < 2 => held_sized::<N, 2>(spec, model),
+        _ => held_sized::<N, MAX_HELD>(spec, model),
+    }
+}
+
+fn held_sized<const N: usize, const M: usize>(spec: &Spec, model: Model<N>) -> Result<Box<dyn Tracker>, BuildError> {
+    let prior = model.prior.ok_or_else(|| fail("has no `x0` and `P0`".to_owned()))?;
+    let second_moment = spec.model.prior().and_then(|p| p.second_moment.as_ref());
+    let second_moment = second_moment.map_or(prior.cov + prior.mean * prior.mean.transpose(), square);
+    let mut options = Options { nonlinear: model.nonlinear, ..Options::default() };
+    if let Receiver::Unstamped { hold } = spec.link.receiver {
+        options.hold = hold;
+    }
+    match spec.estimator {
+        EstimatorSpec::Lmvf { square_root } => options.square_root = square_root,
+        EstimatorSpec::Emvf { variant, range_mixture } => {
+            let after_two = if variant == EmvfVariant::Model2 { Variant::Model2 } else { Variant::Model1 };
+            options.emvf = emvf::Options { variant: after_two, range_mixture };
+            options.skips_zero = variant == EmvfVariant::Model1Skip;
+        }
+        _ => {}
+    }
+    let begin = Begin { belief: prior, second_moment, options };
+    Ok(match spec.estimator {
+        EstimatorSpec::Lmvf { .. } => Box::new(Held::<N, M, Lmvf<N, M>>::new(model, begin, |b, sensed| {
+            Lmvf::start(&b.belief, &b.second_moment, sensed, b.options.square_root)
+        })),
+        EstimatorSpec::Emvf { .. } => Box::new(Held::<N, M, Emvf<N, M>>::new(model, begin, |b, sensed| {
+            Emvf::start(&b.belief, &b.second_moment, sensed, b.options.emvf)
+        })),
+        EstimatorSpec::Gpb1 => Box::new(Held::<N, M, Gpb1<N, M>>::new(model, begin, |b, sensed| {
+            Gpb1::start(&b.belief, sensed, b.options.hold)
+        })),
+        _ => Box::new(Held::<N, M, Lmmse<N, M>>::new(model, begin, |b, sensed| {
+            let spread = if b.options.nonlinear { Spread::Conditional } else { Spread::Unconditional };
+            Lmmse::start(&b.belief, sensed, b.options.hold, spread)
+        })),
     })
 }
 

@@ -19,6 +19,7 @@ const START_INSTANTS: usize = 64;
 const BENT: f64 = 0.3;
 
 /// One instant of a nonlinear window with its packets.
+#[derive(Clone)]
 pub(crate) struct Kept {
     pub(crate) k: u64,
     pub(crate) t_s: Option<f64>,
@@ -36,7 +37,7 @@ impl Kept {
     }
 
     pub(crate) fn step(&self) -> Step<'_> {
-        Step { k: self.k, t_s: self.t_s, packets: &self.packets }
+        Step::new(self.k, self.t_s, &self.packets)
     }
 }
 
@@ -110,6 +111,7 @@ pub struct Found<const N: usize> {
 }
 
 /// The search for a first estimate.
+#[derive(Clone)]
 pub struct Search<const N: usize> {
     newton: Newton<N, Heap>,
     kept: VecDeque<Kept>,

@@ -1,5 +1,6 @@
 //! All packets of a target, and the trail made of them.
 
+use crate::link::LinkReport;
 use crate::packet::Packet;
 use crate::trail::Trail;
 
@@ -19,4 +20,6 @@ pub struct TargetTrail {
     pub target: Option<String>,
     /// Its fixes.
     pub trail: Trail,
+    /// What the link did with its packets.
+    pub link: LinkReport,
 }

@@ -12,11 +12,20 @@ pub struct Step<'a> {
     pub k: u64,
     /// The instant in seconds; absent for a lost row of an untimed gap.
     pub t_s: Option<f64>,
-    /// What arrived.
+    /// What arrived and was sensed at this instant, as far as the link knows.
     pub packets: &'a [Packet],
+    /// Everything the receiver shows at this instant, new or old: of a link that knows when packets were sensed the same as `packets`.
+    pub held: &'a [Packet],
+    /// Probability that what is held was sensed at this instant.
+    pub arrival: f64,
 }
 
-impl Step<'_> {
+impl<'a> Step<'a> {
+    /// A step of a link that knows when its packets were sensed.
+    pub fn new(k: u64, t_s: Option<f64>, packets: &'a [Packet]) -> Step<'a> {
+        Step { k, t_s, packets, held: packets, arrival: 1.0 }
+    }
+
     /// Whether nothing arrived: no packet, or only packets whose components were all lost.
     pub fn lost(&self) -> bool {
         self.packets.iter().all(|p| match &p.content {
@@ -33,6 +42,9 @@ impl Step<'_> {
 pub trait Tracker: Send {
     /// Names and order of the state.
     fn layout(&self) -> &Layout;
+
+    /// A copy that goes its own way.
+    fn boxed_clone(&self) -> Box<dyn Tracker>;
 
     /// Takes one instant and hands on the fixes that it settles.
     ///

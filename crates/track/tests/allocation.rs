@@ -38,7 +38,7 @@ fn assert_silent(spec: &Spec, anchors: &Anchors, mode: LaggedMode, packets: &[Ve
     let mut run = |from: usize, to: usize| {
         for (k, packets) in packets.iter().enumerate().take(to).skip(from) {
             let t_s = packets.first().map(|p| p.t_s);
-            tracker.step(&Step { k: k as u64, t_s, packets }, &mut sink).expect("a good step");
+            tracker.step(&Step::new(k as u64, t_s, packets), &mut sink).expect("a good step");
         }
     };
     run(0, 300);
@@ -104,7 +104,7 @@ fn sensed(kind: Kind, estimator: EstimatorSpec) -> Spec {
 }
 
 fn at(t_s: f64, content: Content) -> Packet {
-    Packet { t_s, k: None, content, sd: None, seq: None, received_s: None, line: 1 }
+    Packet { t_s, k: None, content, sd: None, seq: None, received_s: None, arrival: None, line: 1 }
 }
 
 #[test]

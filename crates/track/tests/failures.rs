@@ -51,7 +51,7 @@ fn estimators() -> Vec<EstimatorSpec> {
 fn prior(n: usize) -> Option<Prior> {
     let mut cov = Mat::identity(n);
     cov.data.iter_mut().for_each(|v| *v *= 25.0);
-    Some(Prior { mean: vec![12.0; n], cov })
+    Some(Prior { mean: vec![12.0; n], cov, second_moment: None })
 }
 
 /// A way in which a step can be bad.
@@ -67,7 +67,7 @@ struct Owned {
 
 impl Owned {
     fn step(&self) -> Step<'_> {
-        Step { k: self.k, t_s: self.t_s, packets: &self.packets }
+        Step::new(self.k, self.t_s, &self.packets)
     }
 }
 
@@ -196,7 +196,16 @@ fn timed(rng: &mut Random, len: u64, ranges: bool) -> Vec<Owned> {
         .map(|k| {
             let t = 0.1 * k as f64;
             let (x, y) = (10.0 + 2.0 * t, 12.0 - t);
-            let at = |content| Packet { t_s: t, k: None, content, sd: None, seq: None, received_s: None, line: k + 1 };
+            let at = |content| Packet {
+                t_s: t,
+                k: None,
+                content,
+                sd: None,
+                seq: None,
+                received_s: None,
+                arrival: None,
+                line: k + 1,
+            };
             let mut packets = Vec::new();
             if ranges {
                 for (anchor, (ax, ay)) in [(0.0, 0.0), (30.0, 0.0), (0.0, 30.0)].into_iter().enumerate() {

@@ -46,6 +46,7 @@ fn packets(run: &[Ranges]) -> TargetPackets {
         sd: None,
         seq: None,
         received_s: None,
+        arrival: None,
         line: 1,
     };
     let packets = run.iter().flat_map(|(t, all)| all.iter().map(move |(a, v)| packet(*t, *a, *v))).collect();

@@ -145,7 +145,7 @@ fn extended_filters_are_consistent_where_ranges_bend_little() {
     let psd = 0.05;
     let dt = 0.5;
     let root = DMatrix::from_diagonal(&DVector::from_column_slice(&[1.0, 1.0, 0.5, 0.5]));
-    let prior = Prior { mean: vec![0.0, 0.0, 1.0, 0.5], cov: mat(&(&root * &root)) };
+    let prior = Prior { mean: vec![0.0, 0.0, 1.0, 0.5], cov: mat(&(&root * &root)), second_moment: None };
     let motion = fixtrail_core::models::Integrators::<4>::new(2, 2, [psd, psd, 0.0]).unwrap();
     let leap = motion.leap(&fixtrail_core::Vector::zeros(), dt);
     let f = DMatrix::from_fn(4, 4, |i, j| leap.f[(i, j)]);
@@ -173,7 +173,16 @@ fn extended_filters_are_consistent_where_ranges_bend_little() {
                     let value_m = f64::hypot(x[0] - site[0], x[1] - site[1]) + sd * rng.normal();
                     let content = Content::Range { anchor: i as u32, value_m };
                     let t_s = dt * k as f64;
-                    table.push(Packet { t_s, k: None, content, sd: None, seq: None, received_s: None, line: 1 });
+                    table.push(Packet {
+                        t_s,
+                        k: None,
+                        content,
+                        sd: None,
+                        seq: None,
+                        received_s: None,
+                        arrival: None,
+                        line: 1,
+                    });
                 }
             }
             states.push(x.clone());

@@ -34,6 +34,7 @@ fn tracked(order: usize, times_s: &[f64], estimator: EstimatorSpec, lagged: Lagg
         sd: None,
         seq: None,
         received_s: None,
+        arrival: None,
         line: i as u64 + 2,
     };
     let packets = times_s.iter().enumerate().map(packet).collect();

@@ -302,7 +302,16 @@ fn positions(kinematic: KinematicSpec, estimator: EstimatorSpec, sd: f64) -> Spe
 }
 
 fn position(t_s: f64, xyz: [Option<f64>; 3]) -> Packet {
-    Packet { t_s, k: None, content: Content::Position(xyz), sd: None, seq: None, received_s: None, line: 1 }
+    Packet {
+        t_s,
+        k: None,
+        content: Content::Position(xyz),
+        sd: None,
+        seq: None,
+        received_s: None,
+        arrival: None,
+        line: 1,
+    }
 }
 
 #[test]

@@ -15,7 +15,6 @@ use fixtrail_report::{Page, Series, render};
 use fixtrail_sim::metrics::Score;
 use fixtrail_track::pipeline::{TrackError, track};
 use fixtrail_track::registry;
-use fixtrail_track::spec::EstimatorSpec;
 use fixtrail_track::target::TargetTrail;
 use fixtrail_track::trackers::LaggedMode;
 use fixtrail_track::truth::TargetTruth;
@@ -173,8 +172,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
 /// Refuses `--lagged` where there is no smoother.
 fn check_mode(spec: &SpecText, lagged: Option<Lagged>) -> Result<(), Failure> {
     let estimator = &spec.spec.estimator;
-    let has_smoother = !matches!(estimator, EstimatorSpec::Kalman | EstimatorSpec::Ekf | EstimatorSpec::Ufir { .. });
-    if lagged.is_none() || has_smoother {
+    if lagged.is_none() || estimator.has_smoother() {
         return Ok(());
     }
     Err(Failure::Bad(format!(

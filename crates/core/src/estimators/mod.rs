@@ -1,7 +1,13 @@
 //! Estimators, one algorithm per file.
 
+pub mod augmented;
 pub mod diffuse;
+pub mod emvf;
 pub mod fms;
+pub mod gpb1;
 pub mod kalman;
+pub mod lmmse;
+pub mod lmvf;
+pub mod mixture;
 pub mod smoother;
 pub mod ufir;

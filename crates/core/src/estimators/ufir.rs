@@ -15,6 +15,7 @@ use crate::storage::Store;
 use crate::types::{Belief, Matrix, Row, StepError, Transition, Vector};
 
 /// A sliding window over a linear model.
+#[derive(Clone)]
 pub struct Ufir<const N: usize, S: Store> {
     window: Window<N, S>,
     phi: S::Of<Matrix<N, N>>,

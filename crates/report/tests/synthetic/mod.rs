@@ -49,7 +49,7 @@ pub fn trail(truth: &TargetTruth, packets: &TargetPackets, step: usize, errs: Er
             lagged: None,
         });
     }
-    TargetTrail { target: truth.target.clone(), trail: out }
+    TargetTrail { target: truth.target.clone(), trail: out, link: Default::default() }
 }
 
 /// A long random walk of `points` truth points, one a second.
@@ -87,5 +87,5 @@ pub fn linear_trail(rows: usize) -> TargetTrail {
             lagged: None,
         });
     }
-    TargetTrail { target: None, trail: out }
+    TargetTrail { target: None, trail: out, link: Default::default() }
 }

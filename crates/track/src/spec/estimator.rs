@@ -1,8 +1,8 @@
 //! `[estimator]`: what estimates the targets.
 
-use super::names::{ALIGNMENTS, ESTIMATORS, LATER_ESTIMATORS, choose, list};
+use super::names::{ALIGNMENTS, ESTIMATORS, LATER_ESTIMATORS, VARIANTS, choose, list};
 use super::value::{Field, Table};
-use super::{Align, EstimatorSpec, ModelSpec, SensorSpec, Span};
+use super::{Align, EmvfVariant, EstimatorSpec, ModelSpec, SensorSpec, Span};
 use crate::error::BuildError;
 use crate::packet::Kind;
 
@@ -26,11 +26,14 @@ pub(super) fn estimator(
         "fixed-lag-kalman" => &["kind", "lag", "lag_s"],
         "fms" => &["kind", "window", "window_s", "lag", "lag_s", "align"],
         "ufir" => &["kind", "window", "window_s"],
+        "lmvf" => &["kind", "square_root"],
+        "emvf" => &["kind", "variant", "range_mixture"],
         _ => &["kind"],
     };
-    table.only(&format!("the estimator `{kind}`"), keys, &["variant", "range_mixture"])?;
+    table.only(&format!("the estimator `{kind}`"), keys, &[])?;
     let instead = match kind {
         "kalman" => Some("`ekf`"),
+        "lmvf" => Some("`emvf`, `lmmse` or `gpb1`"),
         "ufir" => Some("`fms` or `ekf`"),
         _ => None,
     };
@@ -45,7 +48,23 @@ pub(super) fn estimator(
         "rts" => EstimatorSpec::Rts,
         "fixed-lag-kalman" => EstimatorSpec::FixedLagKalman { lag: required(table, &LAG)?.0 },
         "ufir" => EstimatorSpec::Ufir { window: required(table, &WINDOW)?.0 },
+        "lmvf" => EstimatorSpec::Lmvf { square_root: flag(table, "square_root")? },
+        "lmmse" => EstimatorSpec::Lmmse,
+        "gpb1" => EstimatorSpec::Gpb1,
+        "emvf" => EstimatorSpec::Emvf { variant: variant(table)?, range_mixture: flag(table, "range_mixture")? },
         _ => fms(table)?,
+    })
+}
+
+fn flag(table: &Table<'_>, key: &str) -> Result<bool, BuildError> {
+    table.get(key).map_or(Ok(false), |field| field.flag())
+}
+
+fn variant(table: &Table<'_>) -> Result<EmvfVariant, BuildError> {
+    Ok(match table.get("variant").map(|field| choose(&field, VARIANTS, &[])).transpose()? {
+        Some("model1-zero") => EmvfVariant::Model1Zero,
+        Some("model1-skip") => EmvfVariant::Model1Skip,
+        _ => EmvfVariant::Model2,
     })
 }
 

@@ -17,7 +17,7 @@ pub(super) type Sources<'r> = dyn FnMut(&Path) -> std::io::Result<Vec<u8>> + 'r;
 
 /// The model in `table`, its steps from the file it names.
 pub(super) fn linear(table: &Table<'_>, whose: &str, sources: &mut Sources<'_>) -> Result<LinearSpec, BuildError> {
-    table.only(whose, &["kind", "A", "B", "G", "C", "Q", "R", "x0", "P0", "sequence"], &["S0"])?;
+    table.only(whose, &["kind", "A", "B", "G", "C", "Q", "R", "x0", "P0", "S0", "sequence"], &[])?;
     let given = Matrices::read(table)?;
     let (base, sequence) = match table.get("sequence") {
         None => (given.complete(table, "")?, Vec::new()),

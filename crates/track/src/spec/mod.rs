@@ -5,6 +5,7 @@
 
 mod estimator;
 mod linear;
+mod link;
 mod matrix;
 mod model;
 mod names;
@@ -23,6 +24,7 @@ pub use parse::parse;
 
 use crate::mat::Mat;
 use crate::packet::Kind;
+pub use fixtrail_core::estimators::augmented::Hold;
 use std::collections::BTreeMap;
 
 /// A checked spec.
@@ -62,6 +64,17 @@ pub enum ModelSpec {
     Turn(TurnSpec),
     /// `linear`, and `fms-paper` written out as the linear model it is.
     Linear(LinearSpec),
+}
+
+impl ModelSpec {
+    /// The prior of the first instant.
+    pub fn prior(&self) -> Option<&Prior> {
+        match self {
+            ModelSpec::Kinematic(m) => m.prior.as_ref(),
+            ModelSpec::Turn(m) => m.prior.as_ref(),
+            ModelSpec::Linear(m) => m.prior.as_ref(),
+        }
+    }
 }
 
 /// A chain of integrators per axis, driven by white noise at the last one.
@@ -123,6 +136,8 @@ pub struct Prior {
     pub mean: Vec<f64>,
     /// `P0`.
     pub cov: Mat,
+    /// `S0`: E[x_0 x_0ᵀ] for `lmvf` and `emvf`; none: `P0 + x0 x0ᵀ`.
+    pub second_moment: Option<Mat>,
 }
 
 /// Length of a window or lag.
@@ -141,6 +156,18 @@ pub enum Align {
     Filtered,
     /// At z_{k-1}: the paper's form, a prediction.
     Predicted,
+}
+
+/// `variant` of `emvf`: what the receiver shows after two losses in a row, and what the filter makes of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum EmvfVariant {
+    /// `model2`: the value before both.
+    #[default]
+    Model2,
+    /// `model1-zero`: 0, which is used as it is.
+    Model1Zero,
+    /// `model1-skip`: 0, which is not used.
+    Model1Skip,
 }
 
 /// `[estimator]`.
@@ -171,13 +198,77 @@ pub enum EstimatorSpec {
         /// `window` or `window_s`.
         window: Span,
     },
+    /// `lmvf`.
+    Lmvf {
+        /// `square_root`.
+        square_root: bool,
+    },
+    /// `lmmse`.
+    Lmmse,
+    /// `emvf`.
+    Emvf {
+        /// `variant`.
+        variant: EmvfVariant,
+        /// `range_mixture`.
+        range_mixture: bool,
+    },
+    /// `gpb1`.
+    Gpb1,
 }
 
-/// `[link]`: stamped links only.
+/// `[link]`: what the network does between sensor and receiver.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct LinkSpec {
-    /// `late_s`: how far back a late packet is still used exactly; in a file run every row is in time.
-    pub late_s: Option<f64>,
+    /// `stamped`: whether packets say when they were sensed, and what follows from that.
+    pub receiver: Receiver,
+    /// `arrival`: the probability p_k that what is received at instant k was sensed at k. None: learnt where it is needed.
+    pub arrival: Option<ArrivalSpec>,
+    /// `duplicates`.
+    pub duplicates: Duplicates,
+}
+
+/// What the receiver knows of a packet.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Receiver {
+    /// When it was sensed.
+    Stamped {
+        /// `late_s`: how far back a late packet is still used exactly. None: packets are taken in order of time, as a table sorts them.
+        late_s: Option<f64>,
+    },
+    /// Only what it holds now: y_k.
+    Unstamped {
+        /// `hold`.
+        hold: Hold,
+    },
+}
+
+impl Default for Receiver {
+    fn default() -> Self {
+        Receiver::Stamped { late_s: None }
+    }
+}
+
+/// `arrival`.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ArrivalSpec {
+    /// One probability for all instants.
+    Constant(f64),
+    /// One per instant from row 0 on; the last stays in force. Not empty.
+    List(Vec<f64>),
+    /// `{ column = "p" }`: the column of the input that holds it.
+    Column(String),
+    /// `"estimate"`: learnt on line from sequence numbers or repeated values.
+    Estimate,
+}
+
+/// `duplicates`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Duplicates {
+    /// A value equal to the one before counts as new.
+    #[default]
+    Keep,
+    /// A value equal to the one before, bit for bit, counts as lost.
+    Detect,
 }
 
 /// `[sensor]` or one of `[[sensor]]`.
@@ -207,6 +298,19 @@ pub enum Robust {
 }
 
 impl EstimatorSpec {
+    /// Whether the estimator knows what a receiver holds, a link without time stamps, and needs such a link.
+    pub fn is_for_held(&self) -> bool {
+        matches!(
+            self,
+            EstimatorSpec::Lmvf { .. } | EstimatorSpec::Lmmse | EstimatorSpec::Emvf { .. } | EstimatorSpec::Gpb1
+        )
+    }
+
+    /// Whether the estimator has a smoother's half.
+    pub fn has_smoother(&self) -> bool {
+        matches!(self, EstimatorSpec::Rts | EstimatorSpec::FixedLagKalman { .. } | EstimatorSpec::Fms { .. })
+    }
+
     /// The name that specs use.
     pub fn name(&self) -> &'static str {
         match self {
@@ -216,6 +320,10 @@ impl EstimatorSpec {
             EstimatorSpec::FixedLagKalman { .. } => "fixed-lag-kalman",
             EstimatorSpec::Fms { .. } => "fms",
             EstimatorSpec::Ufir { .. } => "ufir",
+            EstimatorSpec::Lmvf { .. } => "lmvf",
+            EstimatorSpec::Lmmse => "lmmse",
+            EstimatorSpec::Emvf { .. } => "emvf",
+            EstimatorSpec::Gpb1 => "gpb1",
         }
     }
 }

@@ -3,7 +3,7 @@
 use super::linear::{self, Sources};
 use super::matrix::{Definite, covariance, shape, vector};
 use super::names::{MODELS, choose};
-use super::value::Table;
+use super::value::{Field, Table};
 use super::{KinematicSpec, LinearSpec, LinearStep, ModelSpec, Prior, TurnSpec};
 use crate::error::BuildError;
 use crate::mat::Mat;
@@ -25,14 +25,14 @@ pub(super) fn model(table: &Table<'_>, sources: &mut Sources<'_>) -> Result<Mode
 const DENSITY: &str = "a finite power spectral density, at least 0";
 
 fn kinematic(table: &Table<'_>, whose: &str, order: usize) -> Result<KinematicSpec, BuildError> {
-    table.only(whose, &["kind", "axes", "noise", "x0", "P0"], &[])?;
+    table.only(whose, &["kind", "axes", "noise", "x0", "P0", "S0"], &[])?;
     let axes = table.get("axes").map_or(Ok(2), |field| field.count(1, 3))?;
     let noise = noise(table, axes)?;
     Ok(KinematicSpec { order, axes, noise, prior: prior(table, order * axes)? })
 }
 
 fn turn(table: &Table<'_>, whose: &str) -> Result<TurnSpec, BuildError> {
-    table.only(whose, &["kind", "noise", "turn_noise", "x0", "P0"], &[])?;
+    table.only(whose, &["kind", "noise", "turn_noise", "x0", "P0", "S0"], &[])?;
     let noise = noise(table, 2)?;
     let turn_noise = table.require("turn_noise", DENSITY)?.number(DENSITY, |v| v >= 0.0)?;
     Ok(TurnSpec { noise: [noise[0], noise[1]], turn_noise, prior: prior(table, 5)? })
@@ -50,25 +50,31 @@ fn noise(table: &Table<'_>, axes: usize) -> Result<Vec<f64>, BuildError> {
     entries.iter().map(|entry| entry.number(DENSITY, |v| v >= 0.0)).collect()
 }
 
-/// `x0` and `P0` of a state of `n` components.
+/// `x0`, `P0` and `S0` of a state of `n` components.
 pub(super) fn prior(table: &Table<'_>, n: usize) -> Result<Option<Prior>, BuildError> {
     let (x0, p0) = match (table.get("x0"), table.get("P0")) {
-        (None, None) => return Ok(None),
+        (None, None) => {
+            return match table.get("S0") {
+                None => Ok(None),
+                Some(field) => Err(field.misfit("no `S0` without `x0` and `P0`")),
+            };
+        }
         (Some(x0), Some(p0)) => (x0, p0),
         (Some(_), None) => return Err(table.missing("P0", "the covariance of `x0` beside it")),
         (None, Some(_)) => return Err(table.missing("x0", "the mean that `P0` is the covariance of beside it")),
     };
     let mean = vector(&x0, n, "one for each state component")?;
-    let cov = covariance(&p0, n, Definite::Semi)?;
-    if cov.rows != n {
-        return Err(p0.error(format!("is {}, expected {n} × {n}, the size of the state", shape(&cov))));
-    }
-    Ok(Some(Prior { mean, cov }))
+    let of_state = |field: &Field<'_>| match covariance(field, n, Definite::Semi)? {
+        m if m.rows == n => Ok(m),
+        m => Err(field.error(format!("is {}, expected {n} × {n}, the size of the state", shape(&m)))),
+    };
+    let second_moment = table.get("S0").map(|field| of_state(&field)).transpose()?;
+    Ok(Some(Prior { mean, cov: of_state(&p0)?, second_moment }))
 }
 
 /// The finite-memory smoother paper's model (16): position, velocity and acceleration sampled every `T` seconds.
 fn fms_paper(table: &Table<'_>, whose: &str) -> Result<LinearSpec, BuildError> {
-    table.only(whose, &["kind", "T", "Q", "R", "x0", "P0"], &[])?;
+    table.only(whose, &["kind", "T", "Q", "R", "x0", "P0", "S0"], &[])?;
     let t = table.get("T").map_or(Ok(2.0), |field| field.number("a positive finite number of seconds", |v| v > 0.0))?;
     let sized = |key: &str, n: usize, definite: Definite, default: Vec<f64>| match table.get(key) {
         None => Ok(Mat { rows: n, cols: n, data: default }),

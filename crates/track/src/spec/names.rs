@@ -17,10 +17,14 @@ pub const ESTIMATORS: &[Named] = &[
         "ufir",
         "unbiased finite impulse response filter: least squares over a `window`, process noise ignored, linear only",
     ),
+    ("lmvf", "linear minimum-variance filter for a receiver that holds values (Theorem 1 of its paper)"),
+    ("lmmse", "exact linear minimum mean square error for a receiver that holds values; linearised for other models"),
+    ("emvf", "extended minimum-variance filter for a receiver that holds values (Theorem 2 of its paper)"),
+    ("gpb1", "two hypotheses, new or held, weighed by how well they fit: arrivals unknown, every model and sensor"),
 ];
 
 /// `estimator.kind`, one day.
-pub(super) const LATER_ESTIMATORS: &[&str] = &["lmvf", "lmmse", "emvf", "gpb1", "fosb", "alpha-beta", "imm"];
+pub(super) const LATER_ESTIMATORS: &[&str] = &["fosb", "alpha-beta", "imm"];
 
 /// `model.kind`.
 pub const MODELS: &[Named] = &[
@@ -42,8 +46,27 @@ pub const SENSORS: &[Named] = &[
 pub(super) const LATER_SENSORS: &[&str] = &["rssi", "tdoa", "bearing"];
 
 /// What a link can be.
-pub const LINKS: &[Named] =
-    &[("stamped", "every packet says when it was sensed; lost and late packets are known as such")];
+pub const LINKS: &[Named] = &[
+    ("stamped", "every packet says when it was sensed; lost and late packets are known as such"),
+    ("unstamped", "the receiver shows what it holds (`hold`), new or old"),
+];
+
+/// `link.hold`.
+pub(super) const HOLDS: &[Named] = &[
+    ("paper", "this instant's value, else the one before, else the one before that, come what may"),
+    ("last-received", "the last value that came, for as long as nothing comes"),
+];
+
+/// `link.duplicates`.
+pub(super) const DUPLICATES: &[Named] =
+    &[("keep", "a repeated value counts as new"), ("detect", "a repeated value counts as lost")];
+
+/// `estimator.variant` of `emvf`.
+pub(super) const VARIANTS: &[Named] = &[
+    ("model2", "after a double loss the receiver holds the value before"),
+    ("model1-zero", "after a double loss it shows 0, which is used as it is"),
+    ("model1-skip", "after a double loss it shows 0, which is not used"),
+];
 
 /// How measurements can be scheduled.
 pub const SCHEDULERS: &[Named] = &[];

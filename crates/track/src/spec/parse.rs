@@ -4,7 +4,7 @@ use super::linear::Sources;
 use super::matrix::{MAX_INPUT, MAX_MEASUREMENT};
 use super::names::{list, suggestion};
 use super::value::{Field, Lines, Node, Table};
-use super::{LinkSpec, Spec, estimator, model, sensor};
+use super::{LinkSpec, Spec, estimator, link, model, sensor};
 use crate::error::BuildError;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -44,23 +44,10 @@ fn spec(root: &Table<'_>, read: &mut Sources<'_>) -> Result<Spec, BuildError> {
         None => estimator::default(&model, &sensors),
         Some(field) => estimator::estimator(&field.table("a table `[estimator]` with a `kind`")?, &model, &sensors)?,
     };
-    let link = root.get("link").map_or(Ok(LinkSpec::default()), |field| link(&field))?;
+    let link = root.get("link").map_or(Ok(LinkSpec::default()), |field| link::link(&field))?;
+    link::suits(root, &link, &estimator, &model)?;
     let columns = root.get("columns").map_or(Ok(BTreeMap::new()), |field| columns(&field))?;
     Ok(Spec { model, estimator, link, sensors, columns, anchors })
-}
-
-fn link(field: &Field<'_>) -> Result<LinkSpec, BuildError> {
-    let table = field.table("a table `[link]`")?;
-    if let Some(field) = table.get("stamped")
-        && !field.flag()?
-    {
-        return Err(
-            field.error("is false, which is not available yet, expected true: packets say when they were sensed")
-        );
-    }
-    table.only("a link", &["stamped", "late_s"], &["arrival", "duplicates", "hold"])?;
-    let seconds = "a finite number of seconds, at least 0";
-    Ok(LinkSpec { late_s: table.get("late_s").map(|field| field.number(seconds, |v| v >= 0.0)).transpose()? })
 }
 
 /// The columns of a table of measurements, less `z1 …` and `u1 …`.

@@ -21,7 +21,7 @@ impl Chance {
 }
 
 fn packet(t_s: f64, content: Content) -> Packet {
-    Packet { t_s, k: None, content, sd: None, seq: None, received_s: None, line: 1 }
+    Packet { t_s, k: None, content, sd: None, seq: None, received_s: None, arrival: None, line: 1 }
 }
 
 fn position(t_s: f64, x: f64, y: f64) -> Packet {
@@ -155,7 +155,11 @@ fn silence_is_found_with_its_place() {
 #[test]
 fn repeats_and_delays_are_counted() {
     let mut packets: Vec<Packet> = (0..50)
-        .map(|i| Packet { received_s: Some(0.1 * i as f64 + 0.02), ..position(0.1 * i as f64, i as f64, 0.0) })
+        .map(|i| Packet {
+            received_s: Some(0.1 * i as f64 + 0.02),
+            arrival: None,
+            ..position(0.1 * i as f64, i as f64, 0.0)
+        })
         .collect();
     packets[10].received_s = Some(1.55);
     let again = packets[20].clone();

@@ -14,6 +14,7 @@ use fixtrail_core::{Belief, Row, Vector};
 use std::collections::VecDeque;
 
 /// One instant inside the lag.
+#[derive(Clone)]
 struct Held<const N: usize> {
     meta: Meta,
     nominal: Vector<N>,
@@ -24,6 +25,7 @@ struct Held<const N: usize> {
 
 /// Fixed-lag smoother. The forward pass keeps an unknown start exact for ever, so instants before the filter knew the state are
 /// smoothed too.
+#[derive(Clone)]
 pub struct FixedLag<const N: usize> {
     filter: Filter<N>,
     lag: Span,
@@ -110,6 +112,10 @@ impl<const N: usize> FixedLag<N> {
 impl<const N: usize> Tracker for FixedLag<N> {
     fn layout(&self) -> &Layout {
         &self.filter.model.layout
+    }
+
+    fn boxed_clone(&self) -> Box<dyn Tracker> {
+        Box::new(self.clone())
     }
 
     fn step(&mut self, step: &Step<'_>, sink: &mut dyn Sink) -> Result<(), StepError> {

@@ -31,6 +31,7 @@ pub struct FmsSpec {
 }
 
 /// The window: one gain for all steps, or one linearisation per step.
+#[derive(Clone)]
 pub enum Window<const N: usize> {
     /// Time-invariant linear model.
     Invariant(Box<InvariantWindow<N, Heap>>),
@@ -39,6 +40,7 @@ pub enum Window<const N: usize> {
 }
 
 /// Finite-memory filter and smoother.
+#[derive(Clone)]
 pub struct Fms<const N: usize> {
     model: Model<N>,
     spec: FmsSpec,
@@ -189,6 +191,10 @@ impl<const N: usize> Tracker for Fms<N> {
         &self.model.layout
     }
 
+    fn boxed_clone(&self) -> Box<dyn Tracker> {
+        Box::new(self.clone())
+    }
+
     fn step(&mut self, step: &Step<'_>, sink: &mut dyn Sink) -> Result<(), StepError> {
         let arrive = self.leap_to(step.t_s);
         self.rows.clear();
@@ -226,7 +232,7 @@ impl<const N: usize> Tracker for Fms<N> {
         if self.ends_beyond
             && let Some((k, _, _)) = self.past
         {
-            let beyond = Step { k: k + 1, t_s: None, packets: &[] };
+            let beyond = Step::new(k + 1, None, &[]);
             let leap = self.leap_to(None);
             self.rows.clear();
             self.slide(self.past.and_then(|p| p.1));

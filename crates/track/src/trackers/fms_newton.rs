@@ -20,6 +20,7 @@ use fixtrail_core::{Belief, Row, Vector, estimators::kalman};
 use std::collections::VecDeque;
 
 /// Finite-memory filter and smoother of a nonlinear model.
+#[derive(Clone)]
 pub struct FmsNewton<const N: usize> {
     model: Model<N>,
     spec: FmsSpec,
@@ -98,6 +99,10 @@ impl<const N: usize> FmsNewton<N> {
 impl<const N: usize> Tracker for FmsNewton<N> {
     fn layout(&self) -> &Layout {
         &self.model.layout
+    }
+
+    fn boxed_clone(&self) -> Box<dyn Tracker> {
+        Box::new(self.clone())
     }
 
     fn step(&mut self, step: &Step<'_>, sink: &mut dyn Sink) -> Result<(), StepError> {

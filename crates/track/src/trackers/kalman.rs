@@ -9,6 +9,7 @@ use crate::tracker::{Step, Tracker};
 use crate::trackers::{Meta, emit};
 
 /// The filter alone.
+#[derive(Clone)]
 pub struct Kalman<const N: usize> {
     filter: Filter<N>,
 }
@@ -23,6 +24,10 @@ impl<const N: usize> Kalman<N> {
 impl<const N: usize> Tracker for Kalman<N> {
     fn layout(&self) -> &Layout {
         &self.filter.model.layout
+    }
+
+    fn boxed_clone(&self) -> Box<dyn Tracker> {
+        Box::new(self.clone())
     }
 
     fn step(&mut self, step: &Step<'_>, sink: &mut dyn Sink) -> Result<(), StepError> {

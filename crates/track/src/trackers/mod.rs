@@ -3,6 +3,7 @@
 pub mod fixed_lag;
 pub mod fms;
 pub mod fms_newton;
+pub mod held;
 pub mod kalman;
 pub mod rts;
 pub mod ufir;

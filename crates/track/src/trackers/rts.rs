@@ -12,6 +12,7 @@ use fixtrail_core::Belief;
 use fixtrail_core::estimators::smoother::{Forward, Instant, smooth};
 
 /// Fixed-interval smoother. It holds the run's linearisation until the end.
+#[derive(Clone)]
 pub struct Rts<const N: usize> {
     filter: Filter<N>,
     mode: LaggedMode,
@@ -54,6 +55,10 @@ impl<const N: usize> Rts<N> {
 impl<const N: usize> Tracker for Rts<N> {
     fn layout(&self) -> &Layout {
         &self.filter.model.layout
+    }
+
+    fn boxed_clone(&self) -> Box<dyn Tracker> {
+        Box::new(self.clone())
     }
 
     fn step(&mut self, step: &Step<'_>, _sink: &mut dyn Sink) -> Result<(), StepError> {

@@ -15,6 +15,7 @@ use fixtrail_core::{Belief, Row, Vector};
 use std::collections::VecDeque;
 
 /// Unbiased FIR filter over a linear model.
+#[derive(Clone)]
 pub struct Ufir<const N: usize> {
     model: Model<N>,
     span: Span,
@@ -43,6 +44,10 @@ pub(crate) fn no_room(needed: usize) -> StepError {
 impl<const N: usize> Tracker for Ufir<N> {
     fn layout(&self) -> &Layout {
         &self.model.layout
+    }
+
+    fn boxed_clone(&self) -> Box<dyn Tracker> {
+        Box::new(self.clone())
     }
 
     fn step(&mut self, step: &Step<'_>, sink: &mut dyn Sink) -> Result<(), StepError> {

@@ -254,7 +254,7 @@ fn window_joint<const N: usize>(v: &Vectors, end: usize, unit: Option<Unit>) -> 
             }
         }
         let packets = [packet];
-        let step = Step { k: k as u64, t_s: Some(k as f64), packets: &packets };
+        let step = Step::new(k as u64, Some(k as f64), &packets);
         let mut rows: Vec<Row<N>> = Vec::new();
         model.rows(&step, &zero, &mut rows);
         window.push(&leap, &mut rows).map_err(fail)?;
@@ -283,7 +283,7 @@ fn joint_covariance<const N: usize>(joint: &Joint<N>) -> Option<Vec<f64>> {
 
 /// The Kalman filter and fixed-lag smoother on the same data.
 fn kalman(v: &Vectors, kf: &Json<'_>) -> Result<Vec<Quantity>, BuildError> {
-    let prior = Prior { mean: kf.get("x0")?.numbers()?, cov: kf.get("P0")?.shaped(v.n, v.n)? };
+    let prior = Prior { mean: kf.get("x0")?.numbers()?, cov: kf.get("P0")?.shaped(v.n, v.n)?, second_moment: None };
     if prior.mean.len() != v.n {
         return Err(kf.fail(format!("has an x0 of {} entries, expected n = {}", prior.mean.len(), v.n)));
     }

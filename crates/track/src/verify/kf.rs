@@ -39,7 +39,7 @@ fn filtered_sized<const N: usize>(run: &LinearRun) -> Result<Vec<Filtered>, Buil
     for (k, packet) in run.packets.iter().enumerate() {
         let packets = std::slice::from_ref(packet);
         let mut rows: Vec<Row<N>> = Vec::new();
-        model.rows(&Step { k: k as u64, t_s: Some(packet.t_s), packets }, &belief.mean, &mut rows);
+        model.rows(&Step::new(k as u64, Some(packet.t_s), packets), &belief.mean, &mut rows);
         let innovation = match rows.as_slice() {
             [row] => Some((row.residual, row.h.dot(&(belief.cov * row.h)) + row.var)),
             _ => None,
@@ -147,6 +147,7 @@ pub(super) fn two_state(root: &Json<'_>) -> Result<Vec<Quantity>, BuildError> {
         let prior = Prior {
             mean: vec![number("x")?, number("s")?],
             cov: mat(2, 2, &[number("var_x")?, 0.0, 0.0, number("var_s")?]),
+            second_moment: None,
         };
         let packets = z.iter().enumerate().map(|(k, z)| packet(k, vec![(k > 0).then_some(*z)], Vec::new())).collect();
         let run =
@@ -245,7 +246,7 @@ pub(super) fn four_state(root: &Json<'_>) -> Result<Vec<Quantity>, BuildError> {
         });
     }
     let init = inputs.get("init")?;
-    let prior = Prior { mean: init.get("m")?.numbers()?, cov: init.get("P")?.shaped(4, 4)? };
+    let prior = Prior { mean: init.get("m")?.numbers()?, cov: init.get("P")?.shaped(4, 4)?, second_moment: None };
     if prior.mean.len() != 4 {
         return Err(init.fail(format!("has a mean of {} entries, expected 4", prior.mean.len())));
     }

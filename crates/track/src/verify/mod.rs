@@ -3,6 +3,7 @@
 mod fms;
 mod json;
 mod kf;
+mod mvf;
 mod run;
 
 use crate::error::BuildError;
@@ -65,6 +66,9 @@ pub fn verify(text: &str, file: &Path) -> Result<FileVerdict, BuildError> {
         (_, Some(schema), Some(kind)) if schema == "fosb-golden/1" && kind == "kf4" => {
             (format!("{schema} {kind}"), kf::four_state(&root)?)
         }
+        (_, None, Some(kind)) if kind == "linear" => (format!("mvf {kind}"), mvf::linear(&root)?),
+        (_, None, Some(kind)) if kind == "emvf" => (format!("mvf {kind}"), mvf::extended(&root)?),
+        (_, None, Some(kind)) if kind == "ct" => (format!("mvf {kind}"), mvf::turn(&root)?),
         (format, schema, kind) => {
             let found: Vec<String> = [("format", format), ("schema", schema), ("kind", kind)]
                 .into_iter()
@@ -75,7 +79,8 @@ pub fn verify(text: &str, file: &Path) -> Result<FileVerdict, BuildError> {
                 named => format!("{} is not understood", named.join(", ")),
             };
             let what = format!(
-                "{found}, expected format `fms-golden-1`, or schema `fosb-golden/1` of kind `kf2_rts_lag1` or `kf4`"
+                "{found}, expected format `fms-golden-1`, schema `fosb-golden/1` of kind `kf2_rts_lag1` or `kf4`, or kind `linear`, `emvf` \
+                 or `ct`"
             );
             return Err(BuildError::new(file, None, None, what));
         }
@@ -99,6 +104,11 @@ enum Scale {
     Entry,
     /// `|a − b| / max |b|` over the array.
     Array,
+    /// `|a − b| / (|b| + absolute / relative)`: at most `relative` exactly when `|a − b| ≤ absolute + relative |b|`.
+    Mixed {
+        /// `absolute / relative`.
+        floor: f64,
+    },
 }
 
 /// Collects the worst deviation of one quantity.
@@ -136,6 +146,7 @@ impl Comparison {
         for (ours, theirs) in &self.pairs {
             let scale = match self.scale {
                 Scale::Entry => theirs.abs().max(1.0),
+                Scale::Mixed { floor } => theirs.abs() + floor,
                 Scale::Array if largest > 0.0 => largest,
                 Scale::Array => 1.0,
             };

@@ -19,14 +19,29 @@ pub(super) struct LinearRun {
 impl LinearRun {
     /// Runs an estimator through the pipeline.
     pub(super) fn track(&self, estimator: EstimatorSpec, lagged: LaggedMode) -> Result<Trail, BuildError> {
-        let spec = Spec {
+        self.track_link(estimator, LinkSpec::default(), lagged)
+    }
+
+    /// The spec of an estimator behind a link.
+    pub(super) fn spec(&self, estimator: EstimatorSpec, link: LinkSpec) -> Spec {
+        Spec {
             model: ModelSpec::Linear(self.spec.clone()),
             estimator,
-            link: LinkSpec::default(),
+            link,
             sensors: Vec::new(),
             columns: Default::default(),
             anchors: None,
-        };
+        }
+    }
+
+    /// Runs an estimator behind a link through the pipeline.
+    pub(super) fn track_link(
+        &self,
+        estimator: EstimatorSpec,
+        link: LinkSpec,
+        lagged: LaggedMode,
+    ) -> Result<Trail, BuildError> {
+        let spec = self.spec(estimator, link);
         let packets = TargetPackets { target: None, packets: self.packets.clone() };
         let trail = pipeline::track(&spec, &Anchors::default(), &packets, lagged)
             .map_err(|e| BuildError::new("vectors", None, None, e.to_string()))?;
@@ -49,6 +64,7 @@ pub(super) fn packet(k: usize, z: Vec<Option<f64>>, u: Vec<f64>) -> Packet {
         sd: None,
         seq: None,
         received_s: None,
+        arrival: None,
         line: k as u64 + 1,
     }
 }

@@ -41,7 +41,11 @@ pub fn linear(run: &Run, declared: Declared) -> LinearSpec {
         .iter()
         .map(|i| LinearStep { a: mat(&i.a), b: mat(&i.b), g: mat(&i.g), c: mat(&i.c), q: mat(&i.q), r: mat(&i.r) })
         .collect();
-    let prior = run.prior.as_ref().map(|(mean, cov)| Prior { mean: mean.as_slice().to_vec(), cov: mat(cov) });
+    let prior = run.prior.as_ref().map(|(mean, cov)| Prior {
+        mean: mean.as_slice().to_vec(),
+        cov: mat(cov),
+        second_moment: None,
+    });
     let sequence = if declared == Declared::Sequence { steps.clone() } else { Vec::new() };
     LinearSpec { base: steps[0].clone(), sequence, prior }
 }
@@ -54,6 +58,7 @@ pub fn packet(k: usize, z: &[Option<f64>], u: &[f64]) -> Packet {
         sd: None,
         seq: None,
         received_s: None,
+        arrival: None,
         line: k as u64 + 1,
     }
 }

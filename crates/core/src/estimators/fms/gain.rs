@@ -54,6 +54,7 @@ impl Shape {
 pub type Column<const N: usize> = (Vector<N>, Vector<N>);
 
 /// A gain and the joint covariance that it reaches.
+#[derive(Clone)]
 pub struct Gain<const N: usize, S: Store> {
     /// Columns of K_z: oldest instant first, the rows of an instant in order.
     pub z: S::Of<Column<N>>,

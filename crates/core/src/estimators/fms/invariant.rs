@@ -32,6 +32,7 @@ pub struct Model<'a, const N: usize> {
 }
 
 /// A sliding window over a time-invariant linear model.
+#[derive(Clone)]
 pub struct InvariantWindow<const N: usize, S: Store> {
     leap: Transition<N>,
     b: S::Of<Vector<N>>,

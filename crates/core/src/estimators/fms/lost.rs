@@ -19,6 +19,7 @@ pub const MOST_LOST: usize = 16;
 const PIVOT: f64 = 1e-5;
 
 /// The smoothing-error matrix W of a full window, in the coordinates of the raw measurements.
+#[derive(Clone)]
 pub struct LostRows<S: Store> {
     w: S::Of<f64>,
     size: usize,

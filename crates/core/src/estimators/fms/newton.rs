@@ -38,6 +38,7 @@ pub struct ColdStart<const N: usize> {
 }
 
 /// The nominal trajectory of a window and the room to work in.
+#[derive(Clone)]
 pub struct Newton<const N: usize, S: Store> {
     nominal: S::Of<Vector<N>>,
     instants: S::Of<Instant<N>>,

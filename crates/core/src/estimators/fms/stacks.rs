@@ -8,6 +8,7 @@ use crate::types::StepError;
 /// A queue of elements that knows the combination of all of them.
 ///
 /// The front stack holds suffix aggregates, the back only its aggregate and its elements, which become the next front.
+#[derive(Clone)]
 pub struct Stacks<const N: usize, S: Store> {
     front: S::Of<Element<N>>,
     front_len: usize,

@@ -14,12 +14,14 @@ use crate::storage::Store;
 use crate::types::{Row, StepError, Transition};
 
 /// A window over a time-varying linear model.
+#[derive(Clone)]
 pub struct Varying<const N: usize, S: Store> {
     window: Window<N, S>,
     queues: Option<Queues<N, S>>,
 }
 
 /// Elements of the nodes before the lagged instant, and from it on. The newest node is in neither: its leap is not known yet.
+#[derive(Clone)]
 struct Queues<const N: usize, S: Store> {
     early: Stacks<N, S>,
     late: Stacks<N, S>,

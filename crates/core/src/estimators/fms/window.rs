@@ -39,6 +39,7 @@ impl<const N: usize> Node<N> {
 }
 
 /// A ring of nodes, oldest first.
+#[derive(Clone)]
 pub struct Window<const N: usize, S: Store> {
     nodes: S::Of<Node<N>>,
     head: usize,

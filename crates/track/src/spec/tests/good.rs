@@ -36,7 +36,7 @@ fn kinematic_models_have_order_axes_and_noise() {
     let spec = good(
         "sensor = { kind = \"position\", sd = 1 }\n[model]\nkind = \"random-walk\"\naxes = 1\nnoise = [0.0]\nx0 = [3]\nP0 = [[4.0]]",
     );
-    let prior = Some(Prior { mean: vec![3.0], cov: mat(1, 1, &[4.0]) });
+    let prior = Some(Prior { mean: vec![3.0], cov: mat(1, 1, &[4.0]), second_moment: None });
     assert_eq!(spec.model, ModelSpec::Kinematic(KinematicSpec { order: 1, axes: 1, noise: vec![0.0], prior }));
 }
 
@@ -62,7 +62,7 @@ fn linear_model_keeps_its_matrices_and_default_b_and_g() {
             r: mat(1, 1, &[0.25]),
         },
         sequence: vec![],
-        prior: Some(Prior { mean: vec![1.0, 2.0], cov: mat(2, 2, &[1.0, 0.5, 0.5, 1.0]) }),
+        prior: Some(Prior { mean: vec![1.0, 2.0], cov: mat(2, 2, &[1.0, 0.5, 0.5, 1.0]), second_moment: None }),
     };
     assert_eq!(spec.model, ModelSpec::Linear(expected));
     assert_eq!(spec.estimator, EstimatorSpec::Kalman);
@@ -159,7 +159,7 @@ fn sensors_have_every_key_and_their_order() {
 fn defaults_are_kalman_for_positions_and_no_link_or_columns() {
     let spec = good(CV);
     assert_eq!(spec.estimator, EstimatorSpec::Kalman);
-    assert_eq!((spec.link, spec.columns.len(), spec.anchors), (LinkSpec { late_s: None }, 0, None));
+    assert_eq!((spec.link, spec.columns.len(), spec.anchors), (LinkSpec::default(), 0, None));
     assert_eq!(spec.sensors[0].robust, Robust::None);
 }
 
@@ -170,9 +170,47 @@ fn link_columns_anchors_and_version_are_read() {
          u12 = \"b\"\n"
     ));
     assert_eq!(spec.anchors.as_deref(), Some("site.csv"));
-    assert_eq!(spec.link.late_s, Some(5.0));
+    assert_eq!(spec.link.receiver, Receiver::Stamped { late_s: Some(5.0) });
     assert_eq!(spec.columns["t"], "timestamp");
     assert_eq!((spec.columns["z6"].as_str(), spec.columns["u12"].as_str()), ("a", "b"));
+}
+
+#[test]
+fn links_without_time_stamps_and_their_estimators_are_read() {
+    let held = |link: &str, estimator: &str| {
+        good(&format!(
+            "{LINEAR}x0 = [3, 0]\nP0 = [[4, 0], [0, 1]]\n[estimator]\n{estimator}\n[link]\nstamped = false\n{link}\n"
+        ))
+    };
+    let spec = held("arrival = 0.9", "kind = \"lmvf\"");
+    assert_eq!(spec.estimator, EstimatorSpec::Lmvf { square_root: false });
+    let unstamped = |hold| Receiver::Unstamped { hold };
+    let link = LinkSpec {
+        receiver: unstamped(Hold::Paper),
+        arrival: Some(ArrivalSpec::Constant(0.9)),
+        duplicates: Duplicates::Keep,
+    };
+    assert_eq!(spec.link, link);
+    let spec = held("arrival = [1, 0.5, 0]\nduplicates = \"detect\"", "kind = \"lmvf\"\nsquare_root = true");
+    assert_eq!(spec.estimator, EstimatorSpec::Lmvf { square_root: true });
+    assert_eq!(spec.link.arrival, Some(ArrivalSpec::List(vec![1.0, 0.5, 0.0])));
+    assert_eq!(spec.link.duplicates, Duplicates::Detect);
+    let spec = held("arrival = { column = \"p\" }\nhold = \"last-received\"", "kind = \"lmmse\"");
+    assert_eq!(spec.link.arrival, Some(ArrivalSpec::Column("p".to_owned())));
+    assert_eq!((spec.link.receiver, spec.estimator), (unstamped(Hold::LastReceived), EstimatorSpec::Lmmse));
+    let spec = held("arrival = \"estimate\"", "kind = \"emvf\"\nvariant = \"model1-skip\"\nrange_mixture = true");
+    let variant = EmvfVariant::Model1Skip;
+    assert_eq!(spec.estimator, EstimatorSpec::Emvf { variant, range_mixture: true });
+    assert_eq!(spec.link.arrival, Some(ArrivalSpec::Estimate));
+    assert_eq!(held("", "kind = \"gpb1\"").estimator, EstimatorSpec::Gpb1);
+}
+
+#[test]
+fn the_second_moment_of_the_start_is_read_beside_the_prior() {
+    let spec = good(&format!("{LINEAR}x0 = [3, 0]\nP0 = [[4, 0], [0, 1]]\nS0 = [[4, 0], [0, 1]]\n"));
+    let cov = mat(2, 2, &[4.0, 0.0, 0.0, 1.0]);
+    let second_moment = Some(cov.clone());
+    assert_eq!(spec.model.prior(), Some(&Prior { mean: vec![3.0, 0.0], cov, second_moment }));
 }
 
 #[test]
@@ -259,14 +297,19 @@ fn every_listed_name_parses() {
         let keys = match *kind {
             "fixed-lag-kalman" => "lag = 1",
             "fms" | "ufir" => "window = 5",
+            "lmvf" | "lmmse" | "emvf" | "gpb1" => "[link]\nstamped = false",
             _ => "",
         };
-        good(&format!("{CV}[estimator]\nkind = \"{kind}\"\n{keys}"));
+        let model = CV.replace(
+            "[sensor]",
+            "x0 = [0, 0, 1, 1]\nP0 = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]\n[sensor]",
+        );
+        good(&format!("{model}[estimator]\nkind = \"{kind}\"\n{keys}"));
     }
     for (kind, _) in SENSORS {
         good(&CV.replace("position", kind));
     }
     for (kind, _) in LINKS {
-        good(&format!("{CV}[link]\n{kind} = true"));
+        good(&format!("{CV}[link]\nstamped = {}", *kind == "stamped"));
     }
 }
