@@ -90,7 +90,7 @@ pub fn demo(seed: u64) -> Demo {
     for (round, point) in rounds.iter().enumerate() {
         let ranges: Vec<f64> =
             ids.iter().map(|&id| distance_m(point, anchors.position_m(id)) + RANGE_SD_M * normal(&mut noise)).collect();
-        if !channel.delivered(&mut network) {
+        if channel.transmit(&mut network).is_lost() {
             lost += 1;
             burst += 1;
             longest_burst = longest_burst.max(burst);

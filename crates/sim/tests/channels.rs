@@ -1,11 +1,16 @@
 //! Channels lose what they promise, and equal seeds lose the same.
 
-use fixtrail_sim::channels::{Bernoulli, Channel, DesignError, GilbertElliott, NAMES};
+use fixtrail_sim::channels::{Arrivals, Bernoulli, Channel, DesignError, GilbertElliott};
+use fixtrail_track::spec::CHANNELS;
 use rand_pcg::Pcg64;
 
-fn losses(channel: &mut dyn Channel, packets: usize, seed: u128) -> Vec<bool> {
+fn arrivals(channel: &mut dyn Channel, packets: usize, seed: u128) -> Vec<Arrivals> {
     let mut rng = Pcg64::new(seed, 1);
-    (0..packets).map(|_| !channel.delivered(&mut rng)).collect()
+    (0..packets).map(|_| channel.transmit(&mut rng)).collect()
+}
+
+fn losses(channel: &mut dyn Channel, packets: usize, seed: u128) -> Vec<bool> {
+    arrivals(channel, packets, seed).iter().map(Arrivals::is_lost).collect()
 }
 
 fn fraction(lost: &[bool]) -> f64 {
@@ -66,5 +71,54 @@ fn impossible_channels_are_refused() {
         GilbertElliott::new(-0.1, 2.0).unwrap_err().to_string(),
         "the loss rate is -0.1, expected a number from 0 up to, but not including, 1"
     );
-    assert_eq!(NAMES.map(|(name, _)| name), ["bernoulli", "gilbert-elliott"]);
+}
+
+/// A channel of each name that files use.
+fn named(name: &str) -> Box<dyn Channel> {
+    match name {
+        "bernoulli" => Box::new(Bernoulli::new(0.25).unwrap()),
+        "gilbert-elliott" => Box::new(GilbertElliott::new(0.25, 5.0).unwrap()),
+        _ => panic!("the list names a channel that this test cannot build: {name}"),
+    }
+}
+
+#[test]
+fn every_name_in_the_list_builds_a_channel_and_equal_seeds_give_equal_arrivals() {
+    let names: Vec<&str> = CHANNELS.iter().map(|(name, _)| *name).collect();
+    assert_eq!(names, ["bernoulli", "gilbert-elliott"]);
+    for name in names {
+        let run = |seed| arrivals(&mut *named(name), 1000, seed);
+        assert_eq!(run(5), run(5), "{name}");
+        assert_ne!(run(5), run(6), "{name}");
+        for arrivals in run(5) {
+            let delays_s = arrivals.delays_s();
+            assert!(
+                delays_s.is_sorted() && delays_s.iter().all(|d| d.is_finite() && *d >= 0.0),
+                "{name}: {delays_s:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn channels_without_delay_deliver_one_copy_at_once() {
+    for name in ["bernoulli", "gilbert-elliott"] {
+        let arrived = arrivals(&mut *named(name), 1000, 2);
+        assert!(arrived.iter().all(|a| a.is_lost() || *a == Arrivals::one(0.0)), "{name}");
+    }
+}
+
+#[test]
+fn arrivals_ascend_whatever_the_order_they_are_given_in_and_keep_the_earliest() {
+    assert!(Arrivals::lost().is_lost() && Arrivals::lost().delays_s().is_empty());
+    assert_eq!(Arrivals::one(0.5).delays_s(), [0.5]);
+    assert!(!Arrivals::one(0.0).is_lost());
+    let both_ways = [Arrivals::one(0.5).and(0.25).and(0.75), Arrivals::one(0.75).and(0.5).and(0.25)];
+    assert_eq!(both_ways[0].delays_s(), [0.25, 0.5, 0.75]);
+    assert_eq!(both_ways[0], both_ways[1]);
+    // Ten copies, the latest first: the two latest have no place.
+    let many = (0..10).rev().fold(Arrivals::lost(), |a, i| a.and(f64::from(i)));
+    assert_eq!(many.delays_s(), [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]);
+    assert_eq!(many.and(7.0), many);
+    assert_eq!(many.and(0.0).delays_s(), [0.0, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
 }

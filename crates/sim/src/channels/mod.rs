@@ -1,25 +1,24 @@
-//! Simulated media: each decides packet by packet whether it arrives.
+//! Simulated media: each decides packet by packet whether, when and how often it arrives.
+//!
+//! Their names stand in [`fixtrail_track::spec::CHANNELS`].
 
+mod arrivals;
 mod bernoulli;
 mod gilbert_elliott;
 
+pub use arrivals::Arrivals;
 pub use bernoulli::Bernoulli;
 pub use gilbert_elliott::GilbertElliott;
 
 use rand::Rng;
 
-/// Every channel: the name that files use, and what it does in one line.
-pub const NAMES: [(&str, &str); 2] = [
-    ("bernoulli", "loses each packet independently with one probability"),
-    ("gilbert-elliott", "loses packets in bursts: a good and a bad state that follow each other at random"),
-];
-
-/// A medium that loses packets.
+/// A medium that loses, delays and repeats packets.
 ///
-/// Every implementation draws from `rng` alone and depends on nothing but its own state, so equal seeds give equal losses.
-pub trait Channel {
-    /// Whether the next packet arrives.
-    fn delivered(&mut self, rng: &mut dyn Rng) -> bool;
+/// Every implementation draws from `rng` alone and depends on nothing but its own state, so equal seeds give equal arrivals.
+/// Delays are finite and not negative.
+pub trait Channel: Send {
+    /// Returns the delays after which copies of the next packet arrive, ascending; none when it is lost.
+    fn transmit(&mut self, rng: &mut dyn Rng) -> Arrivals;
 }
 
 /// A channel that cannot exist.
