@@ -2,6 +2,7 @@
 
 use fixtrail_sim::channels::{Arrivals, Bernoulli, Channel, DesignError, GilbertElliott};
 use fixtrail_track::spec::CHANNELS;
+use fixtrail_track::survey::Loss;
 use rand_pcg::Pcg64;
 
 fn arrivals(channel: &mut dyn Channel, packets: usize, seed: u128) -> Vec<Arrivals> {
@@ -9,56 +10,39 @@ fn arrivals(channel: &mut dyn Channel, packets: usize, seed: u128) -> Vec<Arriva
     (0..packets).map(|_| channel.transmit(&mut rng)).collect()
 }
 
-fn losses(channel: &mut dyn Channel, packets: usize, seed: u128) -> Vec<bool> {
-    arrivals(channel, packets, seed).iter().map(Arrivals::is_lost).collect()
-}
-
-fn fraction(lost: &[bool]) -> f64 {
-    lost.iter().filter(|l| **l).count() as f64 / lost.len() as f64
-}
-
-fn bursts(lost: &[bool]) -> Vec<usize> {
-    lost.split(|l| !l).map(<[bool]>::len).filter(|n| *n > 0).collect()
+fn loss(channel: &mut dyn Channel, packets: usize, seed: u128) -> Loss {
+    Loss::of(arrivals(channel, packets, seed).iter().map(Arrivals::is_lost))
 }
 
 #[test]
 fn bernoulli_loss_rate_is_within_four_standard_deviations() {
-    let lost = losses(&mut Bernoulli::new(0.3).unwrap(), 100_000, 7);
+    let loss = loss(&mut Bernoulli::new(0.3).unwrap(), 100_000, 7);
     // sd = sqrt(0.3·0.7/1e5) = 1.45e-3.
-    assert!((fraction(&lost) - 0.3).abs() < 4.0 * 1.45e-3, "{}", fraction(&lost));
+    assert!((loss.rate() - 0.3).abs() < 4.0 * 1.45e-3, "{}", loss.rate());
     // Bursts are geometric with mean 1/0.7 and sd sqrt(0.3)/0.7 = 0.782; there are about 1e5·0.3·0.7 = 21 000.
-    let b = bursts(&lost);
-    let mean = b.iter().sum::<usize>() as f64 / b.len() as f64;
-    assert!((mean - 1.0 / 0.7).abs() < 4.0 * 0.782 / (b.len() as f64).sqrt(), "{mean}");
+    let mean = loss.mean_burst().unwrap();
+    assert!((mean - 1.0 / 0.7).abs() < 4.0 * 0.782 / (loss.burst_count() as f64).sqrt(), "{mean}");
 }
 
 #[test]
 fn gilbert_elliott_loss_rate_and_burst_length_are_within_four_standard_deviations() {
     let (rate, burst, n) = (0.25, 5.0, 200_000);
-    let lost = losses(&mut GilbertElliott::new(rate, burst).unwrap(), n, 11);
+    let loss = loss(&mut GilbertElliott::new(rate, burst).unwrap(), n, 11);
     // States have autocorrelation rho^k with rho = 1 - p - r = 1 - 0.2/3 - 0.2 = 0.7333; the variance of the mean is
     // rate(1-rate)/n · (1+rho)/(1-rho) = 0.1875/2e5 · 6.5, sd 2.47e-3.
-    assert!((fraction(&lost) - rate).abs() < 4.0 * 2.47e-3, "{}", fraction(&lost));
+    assert!((loss.rate() - rate).abs() < 4.0 * 2.47e-3, "{}", loss.rate());
     // Bursts are geometric with mean 5 and sd sqrt(1 - 1/5)·5 = 4.47; there are about n·rate/5 = 10 000.
-    let b = bursts(&lost);
-    let mean = b.iter().sum::<usize>() as f64 / b.len() as f64;
-    assert!((mean - burst).abs() < 4.0 * 4.47 / (b.len() as f64).sqrt(), "{mean}");
+    let mean = loss.mean_burst().unwrap();
+    assert!((mean - burst).abs() < 4.0 * 4.47 / (loss.burst_count() as f64).sqrt(), "{mean}");
 }
 
 #[test]
 fn gilbert_elliott_with_memoryless_burst_equals_independent_losses() {
     // With mean burst 1/(1 - rate) the chain forgets: P(bad | bad) = P(bad | good) = rate.
-    let lost = losses(&mut GilbertElliott::new(0.5, 2.0).unwrap(), 100_000, 3);
-    let pairs = lost.windows(2).filter(|w| w[0] && w[1]).count() as f64 / 99_999.0;
+    let arrived = arrivals(&mut GilbertElliott::new(0.5, 2.0).unwrap(), 100_000, 3);
+    let pairs = arrived.windows(2).filter(|w| w[0].is_lost() && w[1].is_lost()).count() as f64 / 99_999.0;
     // Product of two independent halves: 0.25, sd below sqrt(0.25·0.75·3/1e5) = 2.4e-3.
     assert!((pairs - 0.25).abs() < 4.0 * 2.4e-3, "{pairs}");
-}
-
-#[test]
-fn equal_seeds_lose_the_same_packets() {
-    let run = |seed| losses(&mut GilbertElliott::new(0.25, 5.0).unwrap(), 1000, seed);
-    assert_eq!(run(5), run(5));
-    assert_ne!(run(5), run(6));
 }
 
 #[test]
