@@ -1,6 +1,6 @@
 //! Channels lose what they promise, and equal seeds lose the same.
 
-use fixtrail_sim::channels::{Arrivals, Bernoulli, Channel, DesignError, GilbertElliott};
+use fixtrail_sim::channels::{Arrivals, Bernoulli, Channel, DesignError, GilbertElliott, RandomDelay};
 use fixtrail_track::spec::CHANNELS;
 use fixtrail_track::survey::Loss;
 use rand_pcg::Pcg64;
@@ -62,6 +62,7 @@ fn named(name: &str) -> Box<dyn Channel> {
     match name {
         "bernoulli" => Box::new(Bernoulli::new(0.25).unwrap()),
         "gilbert-elliott" => Box::new(GilbertElliott::new(0.25, 5.0).unwrap()),
+        "random-delay" => Box::new(RandomDelay::uniform(named("bernoulli"), 0.0, 0.5).unwrap()),
         _ => panic!("the list names a channel that this test cannot build: {name}"),
     }
 }
@@ -69,7 +70,7 @@ fn named(name: &str) -> Box<dyn Channel> {
 #[test]
 fn every_name_in_the_list_builds_a_channel_and_equal_seeds_give_equal_arrivals() {
     let names: Vec<&str> = CHANNELS.iter().map(|(name, _)| *name).collect();
-    assert_eq!(names, ["bernoulli", "gilbert-elliott"]);
+    assert_eq!(names, ["bernoulli", "gilbert-elliott", "random-delay"]);
     for name in names {
         let run = |seed| arrivals(&mut *named(name), 1000, seed);
         assert_eq!(run(5), run(5), "{name}");
@@ -105,4 +106,127 @@ fn arrivals_ascend_whatever_the_order_they_are_given_in_and_keep_the_earliest() 
     assert_eq!(many.delays_s(), [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]);
     assert_eq!(many.and(7.0), many);
     assert_eq!(many.and(0.0).delays_s(), [0.0, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+}
+
+fn perfect() -> Box<dyn Channel> {
+    Box::new(Bernoulli::new(0.0).unwrap())
+}
+
+/// The delays of all copies, seconds, in the order of sending.
+fn delays_s(channel: &mut dyn Channel, packets: usize, seed: u128) -> Vec<f64> {
+    arrivals(channel, packets, seed).iter().flat_map(|a| a.delays_s().to_vec()).collect()
+}
+
+#[test]
+fn discrete_delays_have_the_given_probabilities_and_the_last_possible_one_as_bound() {
+    let (probabilities, n) = ([0.5, 0.3, 0.0, 0.2, 0.0], 100_000);
+    let mut channel = RandomDelay::discrete(perfect(), &probabilities, 0.25).unwrap();
+    assert_eq!(channel.longest_s(), 0.75);
+    let delays = delays_s(&mut channel, n, 21);
+    assert_eq!(delays.len(), n);
+    for (intervals, p) in probabilities.iter().enumerate() {
+        // Whole multiples of 1/4 are exact. sd sqrt(p(1-p)/n), nothing where the delay is impossible.
+        let share = delays.iter().filter(|d| **d == 0.25 * intervals as f64).count() as f64 / n as f64;
+        assert!((share - p).abs() <= 4.0 * (p * (1.0 - p) / n as f64).sqrt(), "{intervals}: {share}");
+    }
+    assert!(delays.iter().all(|d| (4.0 * d).fract() == 0.0 && *d <= channel.longest_s()));
+}
+
+#[test]
+fn uniform_delays_fill_their_bounds_evenly_and_independently() {
+    let (min_s, max_s, n) = (0.25, 1.25, 100_000);
+    let mut channel = RandomDelay::uniform(perfect(), min_s, max_s).unwrap();
+    assert_eq!(channel.longest_s(), max_s);
+    let mut delays = delays_s(&mut channel, n, 22);
+    assert!(delays.iter().all(|d| (min_s..=max_s).contains(d)));
+    // Products of two deviations have mean 0 and sd 1/12 of the squared width; those that share a factor are uncorrelated,
+    // so the sd of their mean is 1/12/sqrt(n) = 2.64e-4.
+    let covariance = delays.windows(2).map(|w| (w[0] - 0.75) * (w[1] - 0.75)).sum::<f64>() / (n - 1) as f64;
+    assert!(covariance.abs() < 4.0 * 2.64e-4, "{covariance}");
+    // Kolmogorov-Smirnov: the largest distance to the straight line exceeds 2.23/sqrt(n) once in 10 000 (2 exp(-2·2.23²)).
+    delays.sort_by(f64::total_cmp);
+    let distance = delays.iter().enumerate().map(|(i, d)| ((i as f64 + 0.5) / n as f64 - (d - min_s)).abs());
+    let distance = distance.fold(0.0, f64::max);
+    assert!(distance < 2.23 / (n as f64).sqrt(), "{distance}");
+}
+
+#[test]
+fn packets_overtake_each_other_as_often_as_the_delays_say_and_never_beyond_the_bound() {
+    let (interval_s, n) = (0.25, 100_000);
+    let overtaken = |channel: &mut dyn Channel| {
+        let arrived: Vec<f64> =
+            delays_s(channel, n, 23).iter().enumerate().map(|(k, d)| k as f64 * interval_s + d).collect();
+        arrived.windows(2).filter(|w| w[1] < w[0]).count() as f64 / (n - 1) as f64
+    };
+    // Delays 0, 1, 2 intervals: the next packet overtakes when its delay is 2 less, 1/4 · 1/4. Neighbouring pairs share a
+    // packet and cannot both be overtaken, which makes the variance less than p(1-p)/n: sd below 7.66e-4.
+    let share = overtaken(&mut RandomDelay::discrete(perfect(), &[0.25, 0.5, 0.25], interval_s).unwrap());
+    assert!((share - 0.0625).abs() < 4.0 * 7.66e-4, "{share}");
+    // Uniform on twice the interval: a triangular difference, 1/2 · (1/2)² = 1/8. Both of two neighbouring pairs need a
+    // fall of two intervals in all, which has probability 0: sd below sqrt(0.109/n) = 1.05e-3.
+    let share = overtaken(&mut RandomDelay::uniform(perfect(), 0.0, 2.0 * interval_s).unwrap());
+    assert!((share - 0.125).abs() < 4.0 * 1.05e-3, "{share}");
+    assert_eq!(overtaken(&mut RandomDelay::uniform(perfect(), 0.0, interval_s).unwrap()), 0.0);
+}
+
+#[test]
+fn delay_without_spread_shifts_every_packet_alike() {
+    for mut channel in [
+        RandomDelay::uniform(perfect(), 0.0, 0.0).unwrap(),
+        RandomDelay::discrete(perfect(), &[1.0], 0.25).unwrap(),
+        RandomDelay::discrete(perfect(), &[1.0, 0.0], 0.25).unwrap(),
+    ] {
+        assert_eq!(channel.longest_s(), 0.0);
+        assert!(arrivals(&mut channel, 100, 1).iter().all(|a| *a == Arrivals::one(0.0)));
+    }
+    // Delays add up, and of one channel in the other the bound is that of the outer one alone.
+    let inner = RandomDelay::discrete(perfect(), &[0.0, 1.0], 0.25).unwrap();
+    let mut both = RandomDelay::uniform(Box::new(inner), 0.5, 0.5).unwrap();
+    assert_eq!(both.longest_s(), 0.5);
+    assert!(arrivals(&mut both, 100, 1).iter().all(|a| *a == Arrivals::one(0.75)));
+}
+
+#[test]
+fn delay_leaves_losses_as_they_are() {
+    let channel = GilbertElliott::new(0.25, 5.0).unwrap();
+    let loss = loss(&mut RandomDelay::uniform(Box::new(channel), 0.0, 0.5).unwrap(), 200_000, 12);
+    // The bounds of the channel alone, derived above.
+    assert!((loss.rate() - 0.25).abs() < 4.0 * 2.47e-3, "{}", loss.rate());
+    let mean = loss.mean_burst().unwrap();
+    assert!((mean - 5.0).abs() < 4.0 * 4.47 / (loss.burst_count() as f64).sqrt(), "{mean}");
+}
+
+#[test]
+fn impossible_delays_are_refused() {
+    let discrete = |p: &[f64], interval_s| RandomDelay::discrete(perfect(), p, interval_s).err().unwrap();
+    let uniform = |min_s, max_s| RandomDelay::uniform(perfect(), min_s, max_s).err().unwrap();
+    for value in [0.0, -0.25, 1.1e12, f64::INFINITY] {
+        assert_eq!(discrete(&[1.0], value), DesignError::DelayInterval { value });
+    }
+    assert!(matches!(discrete(&[1.0], f64::NAN), DesignError::DelayInterval { .. }));
+    assert_eq!(discrete(&[0.5, 1.5, -1.0], 1.0), DesignError::DelayProbability { intervals: 1, value: 1.5 });
+    assert!(matches!(discrete(&[f64::NAN], 1.0), DesignError::DelayProbability { intervals: 0, .. }));
+    assert_eq!(discrete(&[], 1.0), DesignError::DelayProbabilities { sum: 0.0 });
+    assert_eq!(discrete(&[0.5, 0.25], 1.0), DesignError::DelayProbabilities { sum: 0.75 });
+    // On both sides of the tolerance of 1e-9.
+    assert!(matches!(discrete(&[0.5, 0.5 + 2e-9], 1.0), DesignError::DelayProbabilities { .. }));
+    assert!(RandomDelay::discrete(perfect(), &[0.5, 0.5 - 0.5e-9], 1.0).is_ok());
+    for (min_s, max_s) in [(0.5, 0.25), (-0.1, 1.0), (0.0, f64::INFINITY), (0.0, 1.1e12)] {
+        assert_eq!(uniform(min_s, max_s), DesignError::DelayBounds { min_s, max_s });
+    }
+    assert!(matches!(uniform(f64::NAN, 1.0), DesignError::DelayBounds { .. }));
+    for (error, text) in [
+        (
+            discrete(&[1.0], -0.25),
+            "the interval of the delays is -0.25 s, expected a positive number of seconds up to 1e12",
+        ),
+        (discrete(&[0.0, 2.0], 1.0), "`probabilities[1]` of the delays is 2, expected a number from 0 to 1"),
+        (discrete(&[0.5], 1.0), "the probabilities of the delays add up to 0.5, expected 1 within 1e-9"),
+        (
+            uniform(0.5, 0.25),
+            "the delays are from 0.5 s to 0.25 s, expected ascending numbers of seconds from 0 to 1e12",
+        ),
+    ] {
+        assert_eq!(error.to_string(), text);
+    }
 }

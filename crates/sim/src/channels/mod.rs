@@ -5,10 +5,12 @@
 mod arrivals;
 mod bernoulli;
 mod gilbert_elliott;
+mod random_delay;
 
 pub use arrivals::Arrivals;
 pub use bernoulli::Bernoulli;
 pub use gilbert_elliott::GilbertElliott;
+pub use random_delay::RandomDelay;
 
 use rand::Rng;
 
@@ -39,8 +41,43 @@ pub enum DesignError {
         /// The shortest mean burst of a two-state chain with this loss rate.
         min: f64,
     },
+    /// The interval of discrete delays is no length of time.
+    #[error("the interval of the delays is {value} s, expected a positive number of seconds up to 1e12")]
+    DelayInterval {
+        /// The offending value.
+        value: f64,
+    },
+    /// The probability of a discrete delay is outside its interval.
+    #[error("`probabilities[{intervals}]` of the delays is {value}, expected a number from 0 to 1")]
+    DelayProbability {
+        /// The delay, in intervals.
+        intervals: usize,
+        /// The offending value.
+        value: f64,
+    },
+    /// The probabilities of discrete delays do not belong to one distribution.
+    #[error("the probabilities of the delays add up to {sum}, expected 1 within 1e-9")]
+    DelayProbabilities {
+        /// What they add up to; 0 without any.
+        sum: f64,
+    },
+    /// The bounds of a uniform delay are no interval of time to come.
+    #[error("the delays are from {min_s} s to {max_s} s, expected ascending numbers of seconds from 0 to 1e12")]
+    DelayBounds {
+        /// The shortest delay.
+        min_s: f64,
+        /// The longest delay.
+        max_s: f64,
+    },
 }
 
 fn checked_loss_rate(value: f64) -> Result<f64, DesignError> {
     if (0.0..1.0).contains(&value) { Ok(value) } else { Err(DesignError::LossRate { value }) }
+}
+
+/// The longest delay in seconds, the largest number of a table: sums of such delays stay finite.
+const LONGEST_DELAY_S: f64 = 1e12;
+
+fn checked_delay(value_s: f64) -> Option<f64> {
+    (0.0..=LONGEST_DELAY_S).contains(&value_s).then_some(value_s)
 }

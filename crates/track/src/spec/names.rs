@@ -48,10 +48,11 @@ pub const LINKS: &[Named] =
 /// How measurements can be scheduled.
 pub const SCHEDULERS: &[Named] = &[];
 
-/// How a simulated channel can lose packets.
+/// What a simulated channel can do to packets.
 pub const CHANNELS: &[Named] = &[
     ("bernoulli", "each packet is lost independently"),
     ("gilbert-elliott", "losses come in bursts: a good and a bad state"),
+    ("random-delay", "what arrives is delayed at random within a bound, and overtaken"),
 ];
 
 /// `sensor.robust`.
