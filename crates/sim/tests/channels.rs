@@ -1,6 +1,6 @@
 //! Channels lose what they promise, and equal seeds lose the same.
 
-use fixtrail_sim::channels::{Arrivals, Bernoulli, Channel, DesignError, GilbertElliott, RandomDelay};
+use fixtrail_sim::channels::{Arrivals, Bernoulli, Channel, DesignError, Duplication, GilbertElliott, RandomDelay};
 use fixtrail_track::spec::CHANNELS;
 use fixtrail_track::survey::Loss;
 use rand_pcg::Pcg64;
@@ -63,6 +63,7 @@ fn named(name: &str) -> Box<dyn Channel> {
         "bernoulli" => Box::new(Bernoulli::new(0.25).unwrap()),
         "gilbert-elliott" => Box::new(GilbertElliott::new(0.25, 5.0).unwrap()),
         "random-delay" => Box::new(RandomDelay::uniform(named("bernoulli"), 0.0, 0.5).unwrap()),
+        "duplication" => Box::new(Duplication::new(named("bernoulli"), 0.25, 0.5).unwrap()),
         _ => panic!("the list names a channel that this test cannot build: {name}"),
     }
 }
@@ -70,7 +71,7 @@ fn named(name: &str) -> Box<dyn Channel> {
 #[test]
 fn every_name_in_the_list_builds_a_channel_and_equal_seeds_give_equal_arrivals() {
     let names: Vec<&str> = CHANNELS.iter().map(|(name, _)| *name).collect();
-    assert_eq!(names, ["bernoulli", "gilbert-elliott", "random-delay"]);
+    assert_eq!(names, ["bernoulli", "gilbert-elliott", "random-delay", "duplication"]);
     for name in names {
         let run = |seed| arrivals(&mut *named(name), 1000, seed);
         assert_eq!(run(5), run(5), "{name}");
@@ -229,4 +230,67 @@ fn impossible_delays_are_refused() {
     ] {
         assert_eq!(error.to_string(), text);
     }
+}
+
+#[test]
+fn duplication_repeats_its_share_of_what_arrives_within_the_lag() {
+    let (loss_rate, rate, lag_s, n) = (0.25, 0.3, 0.5, 100_000);
+    let inner = Box::new(Bernoulli::new(loss_rate).unwrap());
+    let arrived = arrivals(&mut Duplication::new(inner, rate, lag_s).unwrap(), n, 31);
+    let share = |copies| arrived.iter().filter(|a| a.delays_s().len() == copies).count() as f64 / n as f64;
+    // Lost, once and twice: 1/4, 3/4 · 0.7 and 3/4 · 0.3, each with sd sqrt(p(1-p)/n) up to 1.58e-3.
+    for (copies, p) in [(0, 0.25), (1, 0.525), (2, 0.225)] {
+        assert!((share(copies) - p).abs() < 4.0 * 1.58e-3, "{copies}: {}", share(copies));
+    }
+    let mut lags: Vec<f64> = arrived.iter().filter_map(|a| a.delays_s().get(1).copied()).collect();
+    assert!(arrived.iter().all(|a| a.delays_s().first().is_none_or(|d| *d == 0.0)));
+    assert!(lags.iter().all(|lag| (0.0..=lag_s).contains(lag)));
+    // Uniform, by the bound of the uniform delays above.
+    lags.sort_by(f64::total_cmp);
+    let m = lags.len() as f64;
+    let distance =
+        lags.iter().enumerate().map(|(i, lag)| ((i as f64 + 0.5) / m - lag / lag_s).abs()).fold(0.0, f64::max);
+    assert!(distance < 2.23 / m.sqrt(), "{distance}");
+}
+
+#[test]
+fn duplication_without_chance_repeats_nothing_or_everything() {
+    let all = |rate, lag_s| arrivals(&mut Duplication::new(perfect(), rate, lag_s).unwrap(), 1000, 32);
+    assert!(all(0.0, 0.5).iter().all(|a| *a == Arrivals::one(0.0)));
+    assert!(all(1.0, 0.0).iter().all(|a| *a == Arrivals::one(0.0).and(0.0)));
+    // Of a packet that has several copies already, one more, after the first.
+    let twice = Box::new(Duplication::new(perfect(), 1.0, 0.0).unwrap());
+    let mut channel = Duplication::new(twice, 1.0, 0.5).unwrap();
+    for arrived in arrivals(&mut channel, 100, 33) {
+        assert_eq!((arrived.delays_s().len(), &arrived.delays_s()[..2]), (3, &[0.0, 0.0][..]));
+    }
+}
+
+#[test]
+fn copies_of_a_packet_are_delayed_each_on_its_own() {
+    let n = 100_000;
+    let twice = Box::new(Duplication::new(perfect(), 1.0, 0.0).unwrap());
+    let arrived = arrivals(&mut RandomDelay::discrete(twice, &[0.5, 0.5], 0.25).unwrap(), n, 34);
+    assert!(arrived.iter().all(|a| a.delays_s().len() == 2 && a.delays_s().is_sorted()));
+    let apart = arrived.iter().filter(|a| a.delays_s()[0] < a.delays_s()[1]).count() as f64 / n as f64;
+    // Two fair coins differ half of the time: sd sqrt(0.25/n) = 1.58e-3.
+    assert!((apart - 0.5).abs() < 4.0 * 1.58e-3, "{apart}");
+}
+
+#[test]
+fn impossible_duplications_are_refused() {
+    let refused = |rate, lag_s| Duplication::new(perfect(), rate, lag_s).err().unwrap();
+    for value in [-0.1, 1.1] {
+        assert_eq!(refused(value, 0.5), DesignError::DuplicationRate { value });
+    }
+    assert!(matches!(refused(f64::NAN, 0.5), DesignError::DuplicationRate { .. }));
+    for value in [-0.5, f64::INFINITY, 1.1e12] {
+        assert_eq!(refused(0.5, value), DesignError::DuplicationLag { value });
+    }
+    assert!(matches!(refused(0.5, f64::NAN), DesignError::DuplicationLag { .. }));
+    assert_eq!(refused(1.5, 0.5).to_string(), "the duplication rate is 1.5, expected a number from 0 to 1");
+    assert_eq!(
+        refused(0.5, -1.0).to_string(),
+        "the longest lag of a repeated packet is -1 s, expected a number of seconds from 0 to 1e12"
+    );
 }

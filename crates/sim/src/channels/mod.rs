@@ -4,11 +4,13 @@
 
 mod arrivals;
 mod bernoulli;
+mod duplication;
 mod gilbert_elliott;
 mod random_delay;
 
 pub use arrivals::Arrivals;
 pub use bernoulli::Bernoulli;
+pub use duplication::Duplication;
 pub use gilbert_elliott::GilbertElliott;
 pub use random_delay::RandomDelay;
 
@@ -68,6 +70,18 @@ pub enum DesignError {
         min_s: f64,
         /// The longest delay.
         max_s: f64,
+    },
+    /// The probability of a repeated packet is outside its interval.
+    #[error("the duplication rate is {value}, expected a number from 0 to 1")]
+    DuplicationRate {
+        /// The offending value.
+        value: f64,
+    },
+    /// The longest lag of a repeated packet is no length of time.
+    #[error("the longest lag of a repeated packet is {value} s, expected a number of seconds from 0 to 1e12")]
+    DuplicationLag {
+        /// The offending value.
+        value: f64,
     },
 }
 

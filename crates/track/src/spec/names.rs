@@ -53,6 +53,7 @@ pub const CHANNELS: &[Named] = &[
     ("bernoulli", "each packet is lost independently"),
     ("gilbert-elliott", "losses come in bursts: a good and a bad state"),
     ("random-delay", "what arrives is delayed at random within a bound, and overtaken"),
+    ("duplication", "some of what arrives arrives a second time, a little later"),
 ];
 
 /// `sensor.robust`.
