@@ -1,9 +1,12 @@
 //! Channels lose what they promise, and equal seeds lose the same.
 
-use fixtrail_sim::channels::{Arrivals, Bernoulli, Channel, DesignError, Duplication, GilbertElliott, RandomDelay};
+use fixtrail_sim::channels::{
+    Arrivals, Bernoulli, Channel, DesignError, Duplication, GilbertElliott, RandomDelay, Trace, TracePacket,
+};
 use fixtrail_track::spec::CHANNELS;
 use fixtrail_track::survey::Loss;
 use rand_pcg::Pcg64;
+use std::sync::Arc;
 
 fn arrivals(channel: &mut dyn Channel, packets: usize, seed: u128) -> Vec<Arrivals> {
     let mut rng = Pcg64::new(seed, 1);
@@ -64,6 +67,7 @@ fn named(name: &str) -> Box<dyn Channel> {
         "gilbert-elliott" => Box::new(GilbertElliott::new(0.25, 5.0).unwrap()),
         "random-delay" => Box::new(RandomDelay::uniform(named("bernoulli"), 0.0, 0.5).unwrap()),
         "duplication" => Box::new(Duplication::new(named("bernoulli"), 0.25, 0.5).unwrap()),
+        "trace" => Box::new(Trace::new(recorded(), 0).unwrap()),
         _ => panic!("the list names a channel that this test cannot build: {name}"),
     }
 }
@@ -71,11 +75,12 @@ fn named(name: &str) -> Box<dyn Channel> {
 #[test]
 fn every_name_in_the_list_builds_a_channel_and_equal_seeds_give_equal_arrivals() {
     let names: Vec<&str> = CHANNELS.iter().map(|(name, _)| *name).collect();
-    assert_eq!(names, ["bernoulli", "gilbert-elliott", "random-delay", "duplication"]);
+    assert_eq!(names, ["bernoulli", "gilbert-elliott", "random-delay", "duplication", "trace"]);
     for name in names {
         let run = |seed| arrivals(&mut *named(name), 1000, seed);
         assert_eq!(run(5), run(5), "{name}");
-        assert_ne!(run(5), run(6), "{name}");
+        // A recording is the same whatever the seed.
+        assert_eq!(run(5) == run(6), name == "trace", "{name}");
         for arrivals in run(5) {
             let delays_s = arrivals.delays_s();
             assert!(
@@ -293,4 +298,63 @@ fn impossible_duplications_are_refused() {
         refused(0.5, -1.0).to_string(),
         "the longest lag of a repeated packet is -1 s, expected a number of seconds from 0 to 1e12"
     );
+}
+
+const LOST: TracePacket = TracePacket { received: false, delay_s: 0.0, copies: 0 };
+
+fn received(delay_s: f64, copies: u32) -> TracePacket {
+    TracePacket { received: true, delay_s, copies }
+}
+
+fn recorded() -> Arc<[TracePacket]> {
+    Arc::new([received(0.25, 1), LOST, received(0.0, 2), received(1.5, 12)])
+}
+
+#[test]
+fn trace_does_again_what_was_recorded_from_its_start_on_and_begins_anew_at_its_end() {
+    let copies = |delay_s: f64, n: usize| (0..n).fold(Arrivals::lost(), |a, _| a.and(delay_s));
+    let expected = [copies(0.25, 1), Arrivals::lost(), copies(0.0, 2), copies(1.5, Arrivals::CAPACITY)];
+    for start in 0..4 {
+        let mut channel = Trace::new(recorded(), start).unwrap();
+        for (k, arrived) in arrivals(&mut channel, 11, 1).iter().enumerate() {
+            assert_eq!(*arrived, expected[(start + k) % 4], "start {start}, packet {k}");
+        }
+    }
+    let mut only = Trace::new(Arc::new([received(0.5, 1)]), 0).unwrap();
+    assert_eq!(arrivals(&mut only, 3, 1), [Arrivals::one(0.5); 3]);
+}
+
+#[test]
+fn trace_leaves_the_random_numbers_to_others() {
+    let mut rng = Pcg64::new(41, 1);
+    let mut channel = Trace::new(recorded(), 0).unwrap();
+    for _ in 0..10 {
+        channel.transmit(&mut rng);
+    }
+    assert_eq!(rng, Pcg64::new(41, 1));
+}
+
+#[test]
+fn impossible_traces_are_refused() {
+    let refused = |packets: &[TracePacket], start| Trace::new(packets.into(), start).unwrap_err();
+    assert_eq!(refused(&[], 0), DesignError::TraceStart { value: 0, packets: 0 });
+    assert_eq!(refused(&[LOST, LOST], 2), DesignError::TraceStart { value: 2, packets: 2 });
+    assert!(Trace::new(Arc::new([LOST, LOST]), 1).is_ok());
+    for value in [-0.5, f64::INFINITY, 1.1e12] {
+        assert_eq!(refused(&[LOST, received(value, 1)], 0), DesignError::TraceDelay { packet: 1, value });
+    }
+    assert!(matches!(refused(&[received(f64::NAN, 1)], 0), DesignError::TraceDelay { packet: 0, .. }));
+    assert_eq!(refused(&[LOST, received(0.5, 0)], 0), DesignError::TraceCopies { packet: 1 });
+    // What a recording says of the delay of a lost packet has no meaning, and does no harm.
+    assert!(Trace::new(Arc::new([TracePacket { delay_s: f64::NAN, ..LOST }]), 0).is_ok());
+    for (error, text) in [
+        (refused(&[LOST], 5), "the trace starts at packet 5, expected a number below that of its packets, 1"),
+        (
+            refused(&[received(-1.0, 1)], 0),
+            "the delay of packet 0 of the trace is -1 s, expected a number of seconds from 0 to 1e12",
+        ),
+        (refused(&[received(1.0, 0)], 0), "packet 0 of the trace was received in 0 copies, expected at least 1"),
+    ] {
+        assert_eq!(error.to_string(), text);
+    }
 }

@@ -7,12 +7,15 @@ mod bernoulli;
 mod duplication;
 mod gilbert_elliott;
 mod random_delay;
+mod trace;
 
 pub use arrivals::Arrivals;
 pub use bernoulli::Bernoulli;
 pub use duplication::Duplication;
+pub use fixtrail_track::trace::TracePacket;
 pub use gilbert_elliott::GilbertElliott;
 pub use random_delay::RandomDelay;
+pub use trace::Trace;
 
 use rand::Rng;
 
@@ -82,6 +85,28 @@ pub enum DesignError {
     DuplicationLag {
         /// The offending value.
         value: f64,
+    },
+    /// A trace starts at a packet that it does not have.
+    #[error("the trace starts at packet {value}, expected a number below that of its packets, {packets}")]
+    TraceStart {
+        /// The offending value.
+        value: usize,
+        /// Number of packets.
+        packets: usize,
+    },
+    /// A packet of a trace arrives before it is sent, or never.
+    #[error("the delay of packet {packet} of the trace is {value} s, expected a number of seconds from 0 to 1e12")]
+    TraceDelay {
+        /// Number of the packet, from 0.
+        packet: usize,
+        /// The offending value.
+        value: f64,
+    },
+    /// A packet of a trace was received, and yet no copy of it.
+    #[error("packet {packet} of the trace was received in 0 copies, expected at least 1")]
+    TraceCopies {
+        /// Number of the packet, from 0.
+        packet: usize,
     },
 }
 

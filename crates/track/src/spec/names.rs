@@ -54,6 +54,7 @@ pub const CHANNELS: &[Named] = &[
     ("gilbert-elliott", "losses come in bursts: a good and a bad state"),
     ("random-delay", "what arrives is delayed at random within a bound, and overtaken"),
     ("duplication", "some of what arrives arrives a second time, a little later"),
+    ("trace", "what a real link did is done again, packet by packet"),
 ];
 
 /// `sensor.robust`.
