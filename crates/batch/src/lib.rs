@@ -1,7 +1,8 @@
 //! Tables in, trails out.
 //!
 //! [`read_table`] turns a measurement table (CSV, NDJSON, Parquet) into the packets of each target, [`run_tracks`] tracks
-//! the targets in parallel, [`write_trails`] writes what came out. The order of rows in a file never matters.
+//! the targets in parallel, [`write_trails`] writes what came out. The order of rows in such a file never matters.
+//! [`read_packet_trace`] reads what a network did to the packets of each link, in the order of the rows.
 
 mod anchors;
 mod cell;
@@ -16,6 +17,7 @@ mod schema;
 mod sort;
 mod table;
 mod time;
+mod trace;
 mod truth;
 mod write;
 
@@ -24,5 +26,6 @@ pub use options::{Counts, LinearShape, ReadOptions};
 pub use run::run_tracks;
 pub use table::{Table, TableMeta, read_table};
 pub use time::TimeForm;
+pub use trace::read_packet_trace;
 pub use truth::read_truth;
 pub use write::{Order, OutFormat, Output, WriteError, WriteOptions, write_trails};

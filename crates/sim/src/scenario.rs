@@ -3,6 +3,7 @@
 use crate::channels::{Channel, GilbertElliott};
 use fixtrail_track::anchors::Anchors;
 use fixtrail_track::packet::{Content, Packet};
+use fixtrail_track::survey::Loss;
 use fixtrail_track::target::TargetPackets;
 use fixtrail_track::truth::{TargetTruth, TruthPoint};
 use rand::{Rng, RngExt};
@@ -65,7 +66,7 @@ pub struct Demo {
     /// Fraction of the reports that were lost.
     pub loss_rate: f64,
     /// Largest number of reports lost in a row.
-    pub longest_burst: usize,
+    pub longest_burst: u64,
 }
 
 /// The demo of `seed`: equal seeds give equal bytes.
@@ -84,19 +85,15 @@ pub fn demo(seed: u64) -> Demo {
     let mut anchors = Anchors::default();
     let ids: Vec<_> = ANCHORS.iter().filter_map(|(name, position)| anchors.add(name, *position)).collect();
     let mut packets = Vec::new();
-    let (mut lost, mut burst, mut longest_burst) = (0, 0, 0);
     let every = (ROUND_S * TRUTH_PER_S as f64).round() as usize;
-    let rounds: Vec<&TruthPoint> = points.iter().step_by(every).collect();
-    for (round, point) in rounds.iter().enumerate() {
+    let mut lost = Vec::new();
+    for (round, point) in points.iter().step_by(every).enumerate() {
         let ranges: Vec<f64> =
             ids.iter().map(|&id| distance_m(point, anchors.position_m(id)) + RANGE_SD_M * normal(&mut noise)).collect();
-        if !channel.delivered(&mut network) {
-            lost += 1;
-            burst += 1;
-            longest_burst = longest_burst.max(burst);
+        lost.push(channel.transmit(&mut network).is_lost());
+        if lost[round] {
             continue;
         }
-        burst = 0;
         for (&anchor, value_m) in ids.iter().zip(ranges) {
             packets.push(Packet {
                 t_s: point.t_s,
@@ -110,12 +107,13 @@ pub fn demo(seed: u64) -> Demo {
             });
         }
     }
+    let loss = Loss::of(lost);
     Demo {
         anchors,
         packets: vec![TargetPackets { target: Some(TARGET.to_owned()), packets }],
-        loss_rate: f64::from(lost) / rounds.len() as f64,
+        loss_rate: loss.rate(),
         truth: vec![TargetTruth { target: Some(TARGET.to_owned()), points }],
-        longest_burst,
+        longest_burst: loss.longest_burst,
     }
 }
 

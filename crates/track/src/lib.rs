@@ -19,6 +19,7 @@ mod search;
 pub mod spec;
 pub mod survey;
 pub mod target;
+pub mod trace;
 pub mod tracker;
 pub mod trackers;
 pub mod trail;

@@ -1,14 +1,14 @@
 //! Independent losses.
 
-use super::{Channel, DesignError, checked_loss_rate};
+use super::{Arrivals, Channel, DesignError, checked_loss_rate};
 use rand::{Rng, RngExt};
 
-/// Loses each packet independently with one probability.
+/// Loses each packet independently with one probability; the others arrive at once.
 ///
 /// ```
 /// use fixtrail_sim::channels::{Bernoulli, Channel};
 /// let mut perfect = Bernoulli::new(0.0)?;
-/// assert!(perfect.delivered(&mut rand_pcg::Pcg64::new(1, 1)));
+/// assert!(!perfect.transmit(&mut rand_pcg::Pcg64::new(1, 1)).is_lost());
 /// # Ok::<(), fixtrail_sim::channels::DesignError>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,7 +27,7 @@ impl Bernoulli {
 }
 
 impl Channel for Bernoulli {
-    fn delivered(&mut self, rng: &mut dyn Rng) -> bool {
-        !rng.random_bool(self.loss_rate)
+    fn transmit(&mut self, rng: &mut dyn Rng) -> Arrivals {
+        if rng.random_bool(self.loss_rate) { Arrivals::lost() } else { Arrivals::one(0.0) }
     }
 }

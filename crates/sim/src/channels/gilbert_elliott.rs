@@ -1,13 +1,13 @@
 //! Losses in bursts.
 
-use super::{Channel, DesignError, checked_loss_rate};
+use super::{Arrivals, Channel, DesignError, checked_loss_rate};
 use rand::{Rng, RngExt};
 
 /// Loses every packet of a bad state and none of a good one; the states form a Markov chain.
 ///
 /// With `P(bad → good) = r` and `P(good → bad) = p`, the loss rate is `p/(p + r)` and a burst lasts `1/r` packets on average
 /// (Gilbert 1960, "Capacity of a burst-noise channel", with error probability 1 in the bad state). The first packet is drawn
-/// from the stationary distribution.
+/// from the stationary distribution. What is not lost arrives at once.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GilbertElliott {
     loss_rate: f64,
@@ -35,13 +35,13 @@ impl GilbertElliott {
 }
 
 impl Channel for GilbertElliott {
-    fn delivered(&mut self, rng: &mut dyn Rng) -> bool {
+    fn transmit(&mut self, rng: &mut dyn Rng) -> Arrivals {
         let bad = match self.bad {
             None => rng.random_bool(self.loss_rate),
             Some(true) => !rng.random_bool(self.bad_to_good),
             Some(false) => rng.random_bool(self.good_to_bad),
         };
         self.bad = Some(bad);
-        !bad
+        if bad { Arrivals::lost() } else { Arrivals::one(0.0) }
     }
 }

@@ -71,10 +71,13 @@ pub(super) const VARIANTS: &[Named] = &[
 /// How measurements can be scheduled.
 pub const SCHEDULERS: &[Named] = &[];
 
-/// How a simulated channel can lose packets.
+/// What a simulated channel can do to packets.
 pub const CHANNELS: &[Named] = &[
     ("bernoulli", "each packet is lost independently"),
     ("gilbert-elliott", "losses come in bursts: a good and a bad state"),
+    ("random-delay", "what arrives is delayed at random within a bound, and overtaken"),
+    ("duplication", "some of what arrives arrives a second time, a little later"),
+    ("trace", "what a real link did is done again, packet by packet"),
 ];
 
 /// `sensor.robust`.

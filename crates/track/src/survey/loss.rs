@@ -12,6 +12,8 @@ pub enum Basis {
     Rate,
     /// The rows of a linear run.
     Rows,
+    /// The outcome of each packet is known, as in a simulation or a packet trace.
+    Outcomes,
 }
 
 impl Basis {
@@ -21,6 +23,7 @@ impl Basis {
             Basis::Sequence => "sequence numbers",
             Basis::Rate => "the usual rate of each source",
             Basis::Rows => "the rows of the run",
+            Basis::Outcomes => "the outcome of each packet",
         }
     }
 }
@@ -50,6 +53,22 @@ impl Loss {
         Loss { basis, expected: 0, lost: 0, bursts: [0; 10], longest_burst: 0, burst_packets: 0 }
     }
 
+    /// Returns the losses of one sender: whether each of its packets was lost, in the order in which they were sent.
+    pub fn of(lost: impl IntoIterator<Item = bool>) -> Loss {
+        let mut loss = Loss::new(Basis::Outcomes);
+        let mut length = 0;
+        for is_lost in lost {
+            if is_lost {
+                length += 1;
+            } else {
+                loss.burst(core::mem::take(&mut length));
+                loss.came(1);
+            }
+        }
+        loss.burst(length);
+        loss
+    }
+
     /// Counts packets that came.
     pub(super) fn came(&mut self, packets: u64) {
         self.expected += packets;
@@ -70,7 +89,7 @@ impl Loss {
     }
 
     /// Adds the counts of another source.
-    pub(super) fn add(&mut self, other: &Loss) {
+    pub fn add(&mut self, other: &Loss) {
         self.expected += other.expected;
         self.lost += other.lost;
         self.longest_burst = self.longest_burst.max(other.longest_burst);

@@ -315,3 +315,14 @@ fn anchors_on_a_line_are_a_problem() {
     assert_eq!(survey.findings[0].severity, Severity::Problem, "{:?}", survey.findings);
     assert!(survey.findings[0].text.contains("stand on one line"));
 }
+
+#[test]
+fn outcomes_are_counted_with_the_bursts_at_both_ends() {
+    let loss = Loss::of("xx.x...xxx".chars().map(|c| c == 'x'));
+    assert_eq!((loss.basis, loss.expected, loss.lost, loss.longest_burst), (Basis::Outcomes, 10, 6, 3));
+    assert_eq!(loss.bursts, [1, 1, 1, 0, 0, 0, 0, 0, 0, 0]);
+    assert_eq!((loss.rate(), loss.mean_burst()), (0.6, Some(2.0)));
+    let none = Loss::of([false; 4]);
+    assert_eq!((none.expected, none.rate(), none.mean_burst(), none.longest_burst), (4, 0.0, None, 0));
+    assert_eq!((Loss::of([]).expected, Loss::of([]).rate(), Loss::of([true; 3]).mean_burst()), (0, 0.0, Some(3.0)));
+}
