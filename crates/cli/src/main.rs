@@ -7,6 +7,7 @@ mod figures;
 mod output;
 mod progress;
 mod scores;
+mod tables;
 mod whole;
 
 use clap::{Parser, Subcommand};
@@ -37,6 +38,7 @@ enum Command {
     Track(commands::track::Arguments),
     Check(commands::check::Arguments),
     Demo(commands::demo::Arguments),
+    Simulate(commands::simulate::Arguments),
     Verify(commands::verify::Arguments),
     List(commands::list::Arguments),
 }
@@ -46,6 +48,7 @@ fn main() -> ExitCode {
         Command::Track(arguments) => commands::track::run(&arguments),
         Command::Check(arguments) => commands::check::run(&arguments),
         Command::Demo(arguments) => commands::demo::run(&arguments),
+        Command::Simulate(arguments) => commands::simulate::run(&arguments),
         Command::Verify(arguments) => commands::verify::run(&arguments),
         Command::List(arguments) => commands::list::run(&arguments),
     };

@@ -25,6 +25,11 @@ impl Progress {
         Progress::new(total, "tracking [{bar:40}] {human_pos} of {human_len} rows, {eta} left")
     }
 
+    /// A bar for runs of a scenario.
+    pub fn runs(total: u64) -> Progress {
+        Progress::new(total, "simulating [{bar:40}] {human_pos} of {human_len} runs, {eta} left")
+    }
+
     /// A bar for pieces of work.
     pub fn pieces(total: u64, what: &str) -> Progress {
         Progress::new(total, &format!("{what} [{{bar:40}}] {{pos}} of {{len}}"))

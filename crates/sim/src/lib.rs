@@ -1,8 +1,11 @@
 //! Truth, channels and metrics.
 //!
-//! [`channels`] lose, delay and repeat packets, [`scenario`] invents a walk and what a network lets through of it, [`metrics`] judges trails.
+//! [`channels`] lose, delay and repeat packets, [`scenario`] invents a walk and what a network lets through of it, [`metrics`] judges trails,
+//! [`monte_carlo`] runs scenarios many times, [`replay`] sends a recording through a channel.
 //! Randomness is an argument; equal seeds give equal bytes.
 
 pub mod channels;
 pub mod metrics;
+pub mod monte_carlo;
+pub mod replay;
 pub mod scenario;

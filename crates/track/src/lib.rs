@@ -16,6 +16,7 @@ pub mod packet;
 pub mod pipeline;
 pub mod registry;
 mod search;
+pub mod simulator;
 pub mod spec;
 pub mod survey;
 pub mod target;

@@ -8,7 +8,7 @@ use crate::packet::Packet;
 use crate::registry::{self, BuildOptions};
 use crate::spec::{Receiver, Spec};
 use crate::target::{TargetPackets, TargetTrail};
-use crate::tracker::Tracker;
+use crate::tracker::{Step, Tracker};
 use crate::trackers::LaggedMode;
 use crate::trail::Trail;
 
@@ -37,17 +37,24 @@ impl Pipeline {
         link.push(packet, |step| tracker.step(step, sink))
     }
 
-    /// Hands on what a listener would be told now: the fixes of all instants that late packets may still change, up to instant `until`
-    /// of a linear run even if nothing of it arrived. The run itself goes on unchanged.
+    /// Hands on what a listener would be told now: the fixes of all instants that late packets may still change, and of what follows them
+    /// up to `until` though nothing of it arrived. The run itself goes on unchanged.
     ///
     /// # Errors
     /// [`StepError`] when a step cannot be taken.
-    pub fn now(&self, until: Option<u64>, sink: &mut dyn Sink) -> Result<(), StepError> {
+    pub fn now(&self, until: Until, sink: &mut dyn Sink) -> Result<(), StepError> {
         let (mut reader, mut tracker) = (self.link.reader().clone(), self.tracker.boxed_clone());
+        let mut newest_s = f64::NEG_INFINITY;
         for slot in self.link.waiting() {
+            newest_s = slot.t_s;
             reader.read(slot, |step| tracker.step(step, sink))?;
         }
-        reader.skip_to(until.map_or(0, |k| k + 1), |step| tracker.step(step, sink))
+        match until {
+            Until::Newest => Ok(()),
+            Until::Row(k) => reader.skip_to(k + 1, |step| tracker.step(step, sink)),
+            Until::Time(t_s) if t_s > newest_s => tracker.step(&Step::new(reader.next_k(), Some(t_s), &[]), sink),
+            Until::Time(_) => Ok(()),
+        }
     }
 
     /// The link, for what it has counted and what waits in it.
@@ -64,6 +71,17 @@ impl Pipeline {
         link.flush(|step| tracker.step(step, sink))?;
         tracker.finish(sink)
     }
+}
+
+/// How far [`Pipeline::now`] looks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Until {
+    /// To the newest instant of which something arrived.
+    Newest,
+    /// To a row of a linear run.
+    Row(u64),
+    /// To a time, seconds.
+    Time(f64),
 }
 
 /// Why a target could not be tracked.

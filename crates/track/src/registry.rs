@@ -9,6 +9,7 @@ use crate::model::{
     LinearModel, Model, Motion, Radios, Sensing, column_vectors, process_noise, robust, row_vectors, square,
 };
 use crate::packet::Kind;
+use crate::simulator::Simulator;
 use crate::spec::{Align, EmvfVariant, EstimatorSpec, LinearSpec, ModelSpec, Prior, Receiver, Span, Spec};
 use crate::tracker::Tracker;
 use crate::trackers::LaggedMode;
@@ -54,6 +55,49 @@ pub fn layout(spec: &Spec) -> Layout {
 /// [`BuildError`] when the numbers of the spec, all well-formed, still do not make an estimator: a bias of an unknown anchor, a
 /// gain that cannot be designed.
 pub fn build(spec: &Spec, anchors: &Anchors, options: &BuildOptions) -> Result<Box<dyn Tracker>, BuildError> {
+    modelled(spec, anchors, Tracking { spec, options })
+}
+
+/// Builds the simulator of a spec's model and sensors.
+///
+/// # Errors
+/// As [`build`].
+pub fn simulator(spec: &Spec, anchors: &Anchors) -> Result<Box<dyn Simulator>, BuildError> {
+    modelled(spec, anchors, Simulating)
+}
+
+/// What is made of a model once its dimension is known.
+trait Purpose {
+    type Made;
+
+    fn make<const N: usize>(self, model: Model<N>) -> Result<Self::Made, BuildError>;
+}
+
+struct Tracking<'a> {
+    spec: &'a Spec,
+    options: &'a BuildOptions,
+}
+
+impl Purpose for Tracking<'_> {
+    type Made = Box<dyn Tracker>;
+
+    fn make<const N: usize>(self, model: Model<N>) -> Result<Box<dyn Tracker>, BuildError> {
+        estimator(self.spec, self.options, model)
+    }
+}
+
+struct Simulating;
+
+impl Purpose for Simulating {
+    type Made = Box<dyn Simulator>;
+
+    fn make<const N: usize>(self, model: Model<N>) -> Result<Box<dyn Simulator>, BuildError> {
+        Ok(Box::new(model))
+    }
+}
+
+/// Gives the spec's model its dimension, and makes of it what is wanted.
+fn modelled<P: Purpose>(spec: &Spec, anchors: &Anchors, purpose: P) -> Result<P::Made, BuildError> {
     for sensor in &spec.sensors {
         if let Some(name) = sensor.bias.keys().find(|name| anchors.id(name).is_none()) {
             let known = anchors.names().join(", ");
@@ -64,21 +108,17 @@ pub fn build(spec: &Spec, anchors: &Anchors, options: &BuildOptions) -> Result<B
     match &spec.model {
         ModelSpec::Turn(turn) => {
             let motion = CoordinatedTurn::new(turn.noise, turn.turn_noise).map_err(|e| fail(e.to_string()))?;
-            assemble(spec, anchors, options, Arc::new(motion), turn.prior.as_ref(), true)
+            purpose.make(assemble(spec, anchors, Arc::new(motion), turn.prior.as_ref(), true))
         }
         _ => {
             let n = layout(spec).n();
             let limit = crate::spec::MAX_STATE;
-            with_size!(n, N => build_sized::<N>(spec, anchors, options), Err(fail(format!("has {n} states, expected at most {limit}"))))
+            with_size!(n, N => purpose.make(sized::<N>(spec, anchors)?), Err(fail(format!("has {n} states, expected at most {limit}"))))
         }
     }
 }
 
-fn build_sized<const N: usize>(
-    spec: &Spec,
-    anchors: &Anchors,
-    options: &BuildOptions,
-) -> Result<Box<dyn Tracker>, BuildError> {
+fn sized<const N: usize>(spec: &Spec, anchors: &Anchors) -> Result<Model<N>, BuildError> {
     match &spec.model {
         ModelSpec::Kinematic(k) => {
             let mut psd = [0.0; 3];
@@ -86,12 +126,12 @@ fn build_sized<const N: usize>(
                 *p = *noise;
             }
             let motion = Integrators::<N>::new(k.order, k.axes, psd).map_err(|e| fail(e.to_string()))?;
-            assemble(spec, anchors, options, Arc::new(motion), k.prior.as_ref(), false)
+            Ok(assemble(spec, anchors, Arc::new(motion), k.prior.as_ref(), false))
         }
         ModelSpec::Linear(l) => {
             let steps = if l.sequence.is_empty() { std::slice::from_ref(&l.base) } else { &l.sequence[..] };
             let model = Arc::new(LinearModel::<N>::new(steps));
-            let model = Model {
+            Ok(Model {
                 layout: layout(spec),
                 motion: model.clone(),
                 sensing: model,
@@ -99,8 +139,7 @@ fn build_sized<const N: usize>(
                 nonlinear: false,
                 robust: fixtrail_core::estimators::kalman::Robust::None,
                 centre_m: [0.0; 3],
-            };
-            estimator(spec, options, model)
+            })
         }
         ModelSpec::Turn(_) => Err(fail("is a coordinated turn of another dimension".to_owned())),
     }
@@ -110,15 +149,14 @@ fn build_sized<const N: usize>(
 fn assemble<const N: usize>(
     spec: &Spec,
     anchors: &Anchors,
-    options: &BuildOptions,
     motion: Arc<dyn Motion<N>>,
     prior: Option<&Prior>,
     nonlinear_motion: bool,
-) -> Result<Box<dyn Tracker>, BuildError> {
+) -> Model<N> {
     let layout = layout(spec);
     let sensing: Arc<dyn Sensing<N>> = Arc::new(Radios::new(layout.axes, &spec.sensors, anchors));
     let nonlinear = nonlinear_motion || spec.sensors.iter().any(|s| s.kind != Kind::Position);
-    let model = Model {
+    Model {
         layout,
         motion,
         sensing,
@@ -126,8 +164,7 @@ fn assemble<const N: usize>(
         nonlinear,
         robust: robust(&spec.sensors),
         centre_m: centre(anchors),
-    };
-    estimator(spec, options, model)
+    }
 }
 
 /// The registry: one line per estimator.

@@ -1,12 +1,10 @@
 //! `fixtrail demo`: a walk through a lossy network, tracked in several ways.
 
-mod tables;
-
 use crate::failure::Failure;
 use crate::figures::percent;
 use crate::output::{Results, say, table};
 use crate::progress::Progress;
-use crate::{scores, whole};
+use crate::{scores, tables, whole};
 use clap::Args;
 use fixtrail_report::{Page, Series, render};
 use fixtrail_sim::metrics::{Kind, Score};
@@ -128,9 +126,9 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     }
     drop(bar);
 
-    whole::write(measurements, tables::measurements(&walk).as_bytes())?;
-    whole::write(anchors, tables::anchors(&walk).as_bytes())?;
-    whole::write(truth, tables::truth(&walk).as_bytes())?;
+    whole::write(measurements, tables::measurements(&walk.packets, &walk.anchors).as_bytes())?;
+    whole::write(anchors, tables::anchors(&walk.anchors).as_bytes())?;
+    whole::write(truth, tables::truth(&walk.truth).as_bytes())?;
     whole::write(spec, spec_text(&CONTENDERS[0]).as_bytes())?;
     whole::write(report, page(arguments.seed, &walk, &runs).as_bytes())?;
 

@@ -3,5 +3,6 @@
 pub mod check;
 pub mod demo;
 pub mod list;
+pub mod simulate;
 pub mod track;
 pub mod verify;

@@ -4,6 +4,7 @@
 
 mod arrivals;
 mod bernoulli;
+mod build;
 mod duplication;
 mod gilbert_elliott;
 mod random_delay;
@@ -11,6 +12,7 @@ mod trace;
 
 pub use arrivals::Arrivals;
 pub use bernoulli::Bernoulli;
+pub use build::Variant;
 pub use duplication::Duplication;
 pub use fixtrail_track::trace::TracePacket;
 pub use gilbert_elliott::GilbertElliott;

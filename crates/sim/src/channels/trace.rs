@@ -35,6 +35,12 @@ impl Trace {
         }
         Ok(Trace { packets, next: start })
     }
+
+    /// The same trace from the beginning of its `part`-th of `parts` equal parts on.
+    pub(super) fn from_part(&self, part: usize, parts: usize) -> Trace {
+        let len = self.packets.len();
+        Trace { packets: self.packets.clone(), next: part % parts * len / parts % len }
+    }
 }
 
 impl Channel for Trace {

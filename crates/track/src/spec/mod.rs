@@ -10,6 +10,7 @@ mod matrix;
 mod model;
 mod names;
 mod parse;
+mod scenario;
 mod sensor;
 mod sequence;
 mod value;
@@ -21,6 +22,10 @@ pub use estimator::MAX_WINDOW;
 pub use matrix::{MAX_INPUT, MAX_MEASUREMENT, MAX_STATE};
 pub use names::{CHANNELS, ESTIMATORS, LINKS, MODELS, Named, SCHEDULERS, SENSORS};
 pub use parse::parse;
+pub use scenario::{
+    ChannelSpec, Contender, FieldSpec, LossSpec, Per, Recorded, Scenario, Shows, Simulated, Start, World,
+    parse_scenario,
+};
 
 use crate::mat::Mat;
 use crate::packet::Kind;

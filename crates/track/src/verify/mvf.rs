@@ -9,7 +9,7 @@ use crate::error::{BuildError, StepError};
 use crate::mat::Mat;
 use crate::model::{HeldRows, LinearModel, Motion, Sensing, square};
 use crate::packet::Packet;
-use crate::pipeline::Pipeline;
+use crate::pipeline::{Pipeline, Until};
 use crate::registry::MAX_HELD;
 use crate::spec::{ArrivalSpec, Duplicates, EstimatorSpec, Hold, LinearSpec, LinearStep, LinkSpec, Prior, Receiver};
 use crate::tracker::Step;
@@ -186,7 +186,7 @@ impl Run {
                 pipeline.push(packet(sensed, z, Vec::new()), &mut settled).map_err(fail)?;
             }
             let mut trail = Trail::new(settled.n(), false);
-            pipeline.now(Some(k as u64), &mut trail).map_err(fail)?;
+            pipeline.now(Until::Row(k as u64), &mut trail).map_err(fail)?;
             out.push(estimate(&trail, trail.len() - 1));
         }
         Ok(out)

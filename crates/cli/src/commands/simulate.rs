@@ -1,0 +1,219 @@
+//! `fixtrail simulate`: targets, a channel and estimators from a scenario; or a recording sent through a channel.
+
+mod text;
+
+use crate::failure::Failure;
+use crate::output::{Results, say};
+use crate::progress::Progress;
+use crate::{tables, whole};
+use clap::Args;
+use fixtrail_batch::{Input, ReadOptions, read_packet_trace, read_table};
+use fixtrail_sim::channels::Variant;
+use fixtrail_sim::monte_carlo::{ScenarioError, Summary, World as Run, monte_carlo};
+use fixtrail_sim::replay::{Replay, replay};
+use fixtrail_track::registry;
+use fixtrail_track::spec::{ChannelSpec, LossSpec, Recorded, Scenario, Simulated, World, parse_scenario};
+use fixtrail_track::target::TargetPackets;
+use fixtrail_track::trace::TracePacket;
+use fixtrail_track::truth::{TargetTruth, TruthPoint};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+
+/// Simulate targets behind a channel, or send a recording through one
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  fixtrail simulate -c scenario.toml                 compares the scenario's contenders over its runs
+  fixtrail simulate -c scenario.toml -o DIR          writes measurements.csv, truth.csv, anchors.csv of one run
+  fixtrail simulate -c scenario.toml --runs 50 --json
+
+docs/scenario.md has every key of a scenario; examples/ has some. Results are the same on any number of threads.")]
+pub struct Arguments {
+    /// The scenario (TOML)
+    #[arg(short = 'c', long = "config", value_name = "SCENARIO.toml")]
+    scenario: PathBuf,
+    /// Folder for the tables of the first run, or of the recording as it arrived
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Number of runs [default: the scenario's]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    runs: Option<u32>,
+    /// Seed of all chance [default: the scenario's, else 1]
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Number of threads [default: one per processor]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// One channel's results.
+pub struct Table {
+    /// Loss rate of the channel.
+    pub loss_rate: f64,
+    /// One line for each contender.
+    pub lines: Vec<Summary>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// [`Failure::Bad`] for a scenario that cannot be used and outputs that cannot be written.
+pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    let path = &arguments.scenario;
+    let text =
+        fs::read_to_string(path).map_err(|e| Failure::Bad(format!("{}: cannot be read: {e}", path.display())))?;
+    let scenario = parse_scenario(&text, path, &mut |p| fs::read(p))?;
+    if let Some(threads) = arguments.threads {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global();
+        pool.map_err(|e| Failure::Run(format!("{threads} threads cannot be started: {e}")))?;
+    }
+    let seed = arguments.seed.unwrap_or(scenario.seed);
+    match &scenario.world {
+        World::Simulated(world) => simulate(arguments, world, &scenario, seed),
+        World::Recorded(recorded) => resend(arguments, recorded, &scenario, seed),
+    }
+}
+
+/// A file that a scenario names, relative to its folder.
+fn beside(arguments: &Arguments, name: &str) -> PathBuf {
+    arguments.scenario.parent().unwrap_or(Path::new("")).join(name)
+}
+
+fn variants(arguments: &Arguments, channel: &ChannelSpec, interval_s: f64) -> Result<Vec<Variant>, Failure> {
+    let trace = match &channel.loss {
+        LossSpec::Trace { file, link } => Some(trace(&beside(arguments, file), link.as_deref())?),
+        _ => None,
+    };
+    Variant::all(channel, interval_s, trace).map_err(|e| bad(arguments, "channel", &e))
+}
+
+/// The packets of one link of a trace, or of all.
+fn trace(path: &Path, link: Option<&str>) -> Result<Arc<[TracePacket]>, Failure> {
+    let links = read_packet_trace(path)?;
+    let Some(wanted) = link else { return Ok(links.into_iter().flat_map(|l| l.packets).collect()) };
+    let names: Vec<String> = links.iter().take(12).map(|l| format!("`{}`", l.link)).collect();
+    let found = links.into_iter().find(|l| l.link == wanted);
+    let found = found.ok_or_else(|| {
+        Failure::Bad(format!("{}: has no link `{wanted}`, expected one of {}", path.display(), names.join(", ")))
+    })?;
+    Ok(found.packets.into())
+}
+
+fn bad(arguments: &Arguments, key: &str, why: &dyn std::fmt::Display) -> Failure {
+    Failure::Bad(format!("{}: `{key}`: {why}", arguments.scenario.display()))
+}
+
+/// Makes the folder and returns its files of these names.
+fn files<const N: usize>(folder: &Path, names: [&str; N]) -> Result<[PathBuf; N], Failure> {
+    fs::create_dir_all(folder).map_err(|e| Failure::unwritable(folder, &e))?;
+    let files = names.map(|name| folder.join(name));
+    files.iter().try_for_each(|path| whole::check(path))?;
+    Ok(files)
+}
+
+fn simulate(arguments: &Arguments, world: &Simulated, scenario: &Scenario, seed: u64) -> Result<ExitCode, Failure> {
+    let mut world = world.clone();
+    world.runs = arguments.runs.map_or(world.runs, |runs| runs as usize);
+    if world.contenders.is_empty() && arguments.output.is_none() {
+        return Err(bad(
+            arguments,
+            "contender",
+            &"is missing, expected tables `[[contender]]`, or `-o DIR` for data alone",
+        ));
+    }
+    let variants = variants(arguments, &scenario.channel, world.interval_s)?;
+    let failed = |e: ScenarioError| match e {
+        ScenarioError::Channel(e) => bad(arguments, "channel", &e),
+        ScenarioError::Build(e) => bad(arguments, e.place.key.as_deref().unwrap_or("model"), &e.what),
+    };
+    if let Some(folder) = &arguments.output {
+        let run = Run::new(&world, &variants[0], seed, 0).map_err(failed)?;
+        write_run(folder, &world, scenario, &run)?;
+    }
+    if world.contenders.is_empty() {
+        return Ok(ExitCode::SUCCESS);
+    }
+    let bar = Progress::runs((world.runs * variants.len()) as u64);
+    let mut results = Vec::new();
+    for variant in &variants {
+        let lines = monte_carlo(&world, variant, seed, &|| bar.add(1)).map_err(failed)?;
+        results.push(Table { loss_rate: variant.loss_rate, lines });
+    }
+    drop(bar);
+    match arguments.json {
+        true => Results::Stdout.json(&text::json(&world, seed, &results))?,
+        false => Results::Stdout.line(text::report(&world, seed, &results))?,
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn write_run(folder: &Path, world: &Simulated, scenario: &Scenario, run: &Run<'_>) -> Result<(), Failure> {
+    let [measurements, truth, anchors, held] =
+        files(folder, ["measurements.csv", "truth.csv", "anchors.csv", "held.csv"])?;
+    let layout = registry::layout(&world.truth);
+    let target = (!layout.is_linear()).then(|| "T".to_owned());
+    let table = |packets| tables::measurements(&[TargetPackets { target: target.clone(), packets }], &run.anchors);
+    whole::write(&measurements, table(run.received()).as_bytes())?;
+    whole::write(&held, table(run.held(scenario.channel.shows)).as_bytes())?;
+    let text = if layout.is_linear() {
+        tables::states(&run.states)
+    } else {
+        let point = |(k, x): (usize, &Vec<f64>)| TruthPoint {
+            t_s: k as f64 * world.interval_s,
+            position_m: std::array::from_fn(|axis| (axis < layout.axes).then(|| x[axis])),
+        };
+        tables::truth(&[TargetTruth {
+            target: target.clone(),
+            points: run.states.iter().enumerate().map(point).collect(),
+        }])
+    };
+    whole::write(&truth, text.as_bytes())?;
+    if !run.anchors.is_empty() {
+        whole::write(&anchors, tables::anchors(&run.anchors).as_bytes())?;
+    }
+    say(format_args!("wrote measurements.csv, held.csv and truth.csv of the first run to {}", folder.display()));
+    Ok(())
+}
+
+fn resend(arguments: &Arguments, recorded: &Recorded, scenario: &Scenario, seed: u64) -> Result<ExitCode, Failure> {
+    let Some(folder) = &arguments.output else {
+        return Err(Failure::Bad("a recording needs `-o DIR` for what arrives of it".to_owned()));
+    };
+    if let Some(runs) = arguments.runs {
+        return Err(Failure::Bad(format!(
+            "`--runs {runs}`: a recording is sent once, expected no `--runs` (`--seed` changes chance)"
+        )));
+    }
+    let input = Input::File(beside(arguments, &recorded.measurements));
+    let bar = Progress::bytes();
+    let table = read_table(&input, None, &ReadOptions::default(), &mut |done, total| bar.set(done, total))?;
+    drop(bar);
+    let variants = variants(arguments, &scenario.channel, 1.0)?;
+    if variants.len() > 1 {
+        return Err(bad(arguments, "channel.loss_rate", &"is a list, expected one number for a recording"));
+    }
+    if table.origin.is_some() {
+        return Err(bad(arguments, "recording.measurements", &"has latitudes and longitudes, expected local metres"));
+    }
+    let [measurements, anchors] = files(folder, ["measurements.csv", "anchors.csv"])?;
+    whole::apart(&[("measurements", &measurements)], &[("recording", input.name())])?;
+    let sent = replay(&table.targets, recorded.per, &variants[0], seed).map_err(|e| bad(arguments, "channel", &e))?;
+    whole::write(&measurements, tables::measurements(&sent.targets, &table.anchors).as_bytes())?;
+    if !table.anchors.is_empty() {
+        whole::write(&anchors, tables::anchors(&table.anchors).as_bytes())?;
+    }
+    let Replay { sent: packets, lost, longest_burst, .. } = sent;
+    match arguments.json {
+        true => Results::Stdout.json(&serde_json::json!({
+            "seed": seed, "packets": packets, "lost": lost, "longest_burst": longest_burst,
+            "loss_rate": lost as f64 / (packets as f64).max(1.0),
+        }))?,
+        false => Results::Stdout.line(text::replayed(packets, lost, longest_burst, folder))?,
+    }
+    Ok(ExitCode::SUCCESS)
+}

@@ -1,0 +1,412 @@
+//! A scenario: what moves, what measures, what the channel does to it, and who estimates it.
+//!
+//! ```toml
+//! [scenario]                      # or [recording]: a table of measurements in place of a simulated target
+//! runs = 400
+//! steps = 300
+//!
+//! [model]                         # as in a spec; x0 and P0 say where targets start
+//!
+//! [channel]
+//! kind = "bernoulli"
+//! loss_rate = [0.1, 0.3]          # a list: one table for each
+//!
+//! [[contender]]
+//! name = "told of losses"
+//! estimator = { kind = "kalman" }
+//! ```
+
+use super::link;
+use super::names::{CHANNELS, Named, choose};
+use super::value::{Field, Lines, Node, Table};
+use super::{LinkSpec, Robust, SensorSpec, Spec, estimator, model, sensor};
+use crate::error::BuildError;
+use crate::packet::Kind;
+use std::collections::BTreeMap;
+use std::path::Path;
+use toml::de::DeTable;
+
+/// Most runs, steps and sensors of a scenario.
+const MOST: usize = 10_000_000;
+
+/// A checked scenario.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scenario {
+    /// `seed` of all chance.
+    pub seed: u64,
+    /// What is sent.
+    pub world: World,
+    /// What becomes of it.
+    pub channel: ChannelSpec,
+}
+
+/// What is sent through the channel.
+#[derive(Clone, Debug, PartialEq)]
+pub enum World {
+    /// `[scenario]`: measurements of simulated targets.
+    Simulated(Box<Simulated>),
+    /// `[recording]`: measurements of a table.
+    Recorded(Recorded),
+}
+
+/// `[scenario]`, `[model]`, `[[sensor]]`, `[field]` and the contenders.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Simulated {
+    /// `runs`.
+    pub runs: usize,
+    /// `steps`: instants after the start.
+    pub steps: usize,
+    /// `interval_s` between two instants.
+    pub interval_s: f64,
+    /// `start`.
+    pub start: Start,
+    /// `noise = false`: targets move without the noise that the estimators reckon with.
+    pub noisy: bool,
+    /// How targets move and are measured; the prior is where they start.
+    pub truth: Spec,
+    /// Where ranges are taken from.
+    pub field: Option<FieldSpec>,
+    /// Who estimates.
+    pub contenders: Vec<Contender>,
+}
+
+/// Where a target starts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Start {
+    /// `drawn`: from N(x0, P0).
+    Drawn,
+    /// `mean`: at x0.
+    Mean,
+}
+
+/// `[field]`: sensors placed at random, anew in every run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FieldSpec {
+    /// `size_m`: from 0 to here, on x and y.
+    pub size_m: [f64; 2],
+    /// `sensors`: how many.
+    pub sensors: usize,
+    /// `nearest`: how many of them, the nearest to the target, measure at an instant.
+    pub nearest: usize,
+}
+
+/// One way to estimate.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Contender {
+    /// `name`; default: the estimator's.
+    pub name: String,
+    /// Its estimator and link, with the scenario's model and sensors. An `arrival` that is not given is the channel's own rate.
+    pub spec: Spec,
+    /// `shows`: what a receiver without time stamps shows to it.
+    pub shows: Shows,
+}
+
+/// What a receiver without time stamps shows when nothing comes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shows {
+    /// `paper`: the value before, after two losses the one before that, come what may.
+    Paper,
+    /// `last-received`: the last value that came.
+    LastReceived,
+    /// `model1`: the value before; 0 after two losses.
+    Model1,
+    /// `zero`: 0.
+    Zero,
+}
+
+/// `[recording]`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recorded {
+    /// `measurements`, relative to the scenario's folder.
+    pub measurements: String,
+    /// `per`: what shares a packet.
+    pub per: Per,
+}
+
+/// What of a recording travels in one packet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Per {
+    /// `instant`: all that was measured of a target at one instant.
+    Instant,
+    /// `row`: each row by itself; every source of a target has a channel of its own.
+    Row,
+}
+
+/// `[channel]`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ChannelSpec {
+    /// `kind` and what belongs to it.
+    pub loss: LossSpec,
+    /// `delays`: probability of arriving 0, 1, 2 … intervals late.
+    pub delays: Vec<f64>,
+    /// `delay_s = [least, most]`: uniform, seconds.
+    pub delay_s: Option<[f64; 2]>,
+    /// `duplication`: probability that a packet arrives a second time.
+    pub duplication: f64,
+    /// `duplication_lag_s`: how much later at most.
+    pub duplication_lag_s: f64,
+    /// `shows`: what receivers without time stamps show, where a contender does not say.
+    pub shows: Shows,
+}
+
+/// How packets are lost.
+#[derive(Clone, Debug, PartialEq)]
+pub enum LossSpec {
+    /// `bernoulli`.
+    Bernoulli {
+        /// `loss_rate`: one or more.
+        loss_rates: Vec<f64>,
+    },
+    /// `gilbert-elliott`.
+    GilbertElliott {
+        /// `loss_rate`: one or more.
+        loss_rates: Vec<f64>,
+        /// `mean_burst`, packets.
+        mean_burst: f64,
+    },
+    /// `trace`.
+    Trace {
+        /// `file`, relative to the scenario's folder.
+        file: String,
+        /// `link`: the trace's link; default: all, one after the other.
+        link: Option<String>,
+    },
+}
+
+const STARTS: &[Named] = &[("drawn", "from N(x0, P0)"), ("mean", "at x0")];
+const PER: &[Named] = &[("instant", "all of a target and an instant"), ("row", "each row")];
+const SHOWS: &[Named] = &[
+    ("paper", "the value before, after two losses the one before that"),
+    ("last-received", "the last value that came"),
+    ("model1", "the value before, 0 after two losses"),
+    ("zero", "0"),
+];
+
+/// The checked scenario in `text`, the content of `file`; `read` fetches the steps of a time-varying model.
+///
+/// # Errors
+/// [`BuildError`] with file, line and dotted key for the first thing that is wrong.
+pub fn parse_scenario(
+    text: &str,
+    file: &Path,
+    read: &mut dyn FnMut(&Path) -> std::io::Result<Vec<u8>>,
+) -> Result<Scenario, BuildError> {
+    let lines = Lines::of(text);
+    let document = DeTable::parse(text).map_err(|e| {
+        let line = e.span().map(|span| lines.line(span.start));
+        BuildError::new(file, line, None, format!("is no TOML: {}", e.message()))
+    })?;
+    let node = Node::from_toml(document.get_ref(), &lines);
+    let root = node.field(file, "").table("a scenario")?;
+    root.only(
+        "a scenario",
+        &["version", "scenario", "recording", "model", "sensor", "field", "channel", "contender"],
+        &[],
+    )?;
+    if let Some(field) = root.get("version") {
+        field.number("1, the only version there is", |v| v == 1.0)?;
+    }
+    let expected = "a table `[channel]` with a `kind`";
+    let channel = channel(&root.require("channel", expected)?.table(expected)?)?;
+    let (seed, world) = match (root.get("scenario"), root.get("recording")) {
+        (Some(_), Some(field)) => return Err(field.misfit("either `[scenario]` or `[recording]`")),
+        (None, Some(field)) => recorded(&root, &field)?,
+        (Some(field), None) => simulated(&root, &field, &channel, read)?,
+        (None, None) => return Err(root.missing("scenario", "a table `[scenario]`, or `[recording]` in its place")),
+    };
+    Ok(Scenario { seed, world, channel })
+}
+
+fn seed(table: &Table<'_>) -> Result<u64, BuildError> {
+    table.get("seed").map_or(Ok(1), |field| Ok(field.count(0, MOST)? as u64))
+}
+
+fn recorded(root: &Table<'_>, field: &Field<'_>) -> Result<(u64, World), BuildError> {
+    for key in ["model", "sensor", "field", "contender"] {
+        if let Some(field) = root.get(key) {
+            return Err(
+                field.misfit("nothing of the kind beside `[recording]`: `fixtrail track` estimates what is written")
+            );
+        }
+    }
+    let table = field.table("a table `[recording]`")?;
+    table.only("a recording", &["measurements", "per", "seed"], &[])?;
+    let expected = "the name of a table of measurements";
+    let measurements = table.require("measurements", expected)?.text(expected)?.to_owned();
+    let per = match table.get("per").map(|field| choose(&field, PER, &[])).transpose()? {
+        Some("row") => Per::Row,
+        _ => Per::Instant,
+    };
+    Ok((seed(&table)?, World::Recorded(Recorded { measurements, per })))
+}
+
+fn simulated(
+    root: &Table<'_>,
+    field: &Field<'_>,
+    channel: &ChannelSpec,
+    read: &mut dyn FnMut(&Path) -> std::io::Result<Vec<u8>>,
+) -> Result<(u64, World), BuildError> {
+    let table = field.table("a table `[scenario]`")?;
+    table.only("a scenario", &["runs", "steps", "seed", "interval_s", "start", "noise"], &[])?;
+    let count = |key: &str| table.get(key).map_or(Ok(1), |field| field.count(1, MOST));
+    let (runs, steps) = (count("runs")?, table.require("steps", "a number of instants")?.count(1, MOST)?);
+    let interval_s =
+        table.get("interval_s").map_or(Ok(1.0), |f| f.number("a positive number of seconds", |v| v > 0.0))?;
+    let start = match table.get("start").map(|field| choose(&field, STARTS, &[])).transpose()? {
+        Some("mean") => Start::Mean,
+        _ => Start::Drawn,
+    };
+    let noisy = table.get("noise").map_or(Ok(true), |field| field.flag())?;
+
+    let expected = "a table `[model]` with a `kind`";
+    let model_table = root.require("model", expected)?.table(expected)?;
+    let model = model::model(&model_table, read)?;
+    if model.prior().is_none() {
+        return Err(model_table.missing("x0", "the mean of where targets start, and `P0` beside it"));
+    }
+    let sensors = sensor::sensors(root, &model)?;
+    let field = root.get("field").map(|f| field_of(&f, &sensors)).transpose()?;
+    if field.is_none() && sensors.iter().any(|s| s.kind == Kind::Range) {
+        return Err(root.missing("field", "a table `[field]` with the sensors that ranges are taken from"));
+    }
+    let truth = Spec {
+        estimator: estimator::default(&model, &sensors),
+        link: LinkSpec::default(),
+        model,
+        sensors,
+        columns: BTreeMap::new(),
+        anchors: None,
+    };
+    let contenders = match root.get("contender") {
+        None => Vec::new(),
+        Some(field) => {
+            let expected = "tables `[[contender]]`";
+            field
+                .list(expected)?
+                .iter()
+                .map(|f| contender(&f.table(expected)?, &truth, channel))
+                .collect::<Result<_, _>>()?
+        }
+    };
+    let world = Simulated { runs, steps, interval_s, start, noisy, truth, field, contenders };
+    Ok((seed(&table)?, World::Simulated(Box::new(world))))
+}
+
+fn field_of(field: &Field<'_>, sensors: &[SensorSpec]) -> Result<FieldSpec, BuildError> {
+    if !sensors.iter().any(|s| s.kind == Kind::Range) {
+        return Err(field.misfit("no `[field]` without a sensor of kind \"range\""));
+    }
+    let table = field.table("a table `[field]`")?;
+    table.only("a field", &["size_m", "sensors", "nearest"], &[])?;
+    let expected = "two positive lengths in metres, such as [100, 100]";
+    let size = table.require("size_m", expected)?;
+    let sides = size.list(expected)?;
+    let [x, y] = sides.as_slice() else { return Err(size.misfit(expected)) };
+    let length = |f: &Field<'_>| f.number("a positive length in metres", |v| v > 0.0);
+    let count = table.require("sensors", "how many sensors there are")?.count(1, 10_000)?;
+    let nearest = table.get("nearest").map_or(Ok(count), |f| f.count(1, count))?;
+    Ok(FieldSpec { size_m: [length(x)?, length(y)?], sensors: count, nearest })
+}
+
+fn contender(table: &Table<'_>, truth: &Spec, channel: &ChannelSpec) -> Result<Contender, BuildError> {
+    table.only("a contender", &["name", "estimator", "link", "shows", "gate"], &[])?;
+    let estimator = match table.get("estimator") {
+        None => truth.estimator,
+        Some(field) => estimator::estimator(&field.table("a table with a `kind`")?, &truth.model, &truth.sensors)?,
+    };
+    let link = table.get("link").map_or(Ok(LinkSpec::default()), |field| link::link(&field))?;
+    link::suits(table, &link, &estimator, &truth.model)?;
+    let mut spec = Spec { estimator, link, ..truth.clone() };
+    if let Some(field) = table.get("gate") {
+        let gate = field.number("a positive squared innovation over its variance", |v| v > 0.0)?;
+        if spec.sensors.is_empty() {
+            return Err(field.misfit("no `gate` with a linear model, whose measurements have none"));
+        }
+        spec.sensors.iter_mut().for_each(|s| s.robust = Robust::Gate(gate));
+    }
+    let name = match table.get("name") {
+        None => estimator.name().to_owned(),
+        Some(field) => field.text("a name")?.to_owned(),
+    };
+    let shows = table.get("shows").map(|field| shows(&field)).transpose()?.unwrap_or(channel.shows);
+    Ok(Contender { name, spec, shows })
+}
+
+fn shows(field: &Field<'_>) -> Result<Shows, BuildError> {
+    Ok(match choose(field, SHOWS, &[])? {
+        "last-received" => Shows::LastReceived,
+        "model1" => Shows::Model1,
+        "zero" => Shows::Zero,
+        _ => Shows::Paper,
+    })
+}
+
+fn channel(table: &Table<'_>) -> Result<ChannelSpec, BuildError> {
+    const COMMON: [&str; 6] = ["kind", "delays", "delay_s", "duplication", "duplication_lag_s", "shows"];
+    let expected = "`bernoulli`, `gilbert-elliott` or `trace`";
+    let field = table.require("kind", expected)?;
+    let kind = choose(&field, CHANNELS, &[])?;
+    let own: &[&str] = match kind {
+        "bernoulli" => &["loss_rate"],
+        "gilbert-elliott" => &["loss_rate", "mean_burst"],
+        "trace" => &["file", "link"],
+        _ => {
+            let what = format!("is {kind:?}, expected {expected}, with `delays`, `delay_s` or `duplication` beside it");
+            return Err(field.error(what));
+        }
+    };
+    let keys: Vec<&str> = COMMON.iter().chain(own).copied().collect();
+    table.only(&format!("a channel of kind `{kind}`"), &keys, &[])?;
+    let text = |key: &str, expected: &str| table.get(key).map(|f| f.text(expected).map(str::to_owned)).transpose();
+    let loss = match kind {
+        "bernoulli" => LossSpec::Bernoulli { loss_rates: loss_rates(table)? },
+        "gilbert-elliott" => {
+            let expected = "a number of packets, at least 1";
+            let mean_burst = table.require("mean_burst", expected)?.number(expected, |v| v >= 1.0)?;
+            LossSpec::GilbertElliott { loss_rates: loss_rates(table)?, mean_burst }
+        }
+        _ => {
+            let expected = "the name of a packet trace";
+            let file = text("file", expected)?.ok_or_else(|| table.missing("file", expected))?;
+            LossSpec::Trace { file, link: text("link", "the name of a link of the trace")? }
+        }
+    };
+    let probability = |f: &Field<'_>| f.number("a probability, a number from 0 to 1", |v| (0.0..=1.0).contains(&v));
+    let seconds = |f: &Field<'_>| f.number("a number of seconds, at least 0", |v| v >= 0.0);
+    let delays = match table.get("delays") {
+        None => Vec::new(),
+        Some(f) => f.list("a list of probabilities")?.iter().map(probability).collect::<Result<Vec<f64>, _>>()?,
+    };
+    let delay_s = match table.get("delay_s") {
+        None => None,
+        Some(f) => {
+            let expected = "two numbers of seconds, the least and the largest delay";
+            let bounds = f.list(expected)?.iter().map(seconds).collect::<Result<Vec<f64>, _>>()?;
+            match bounds.as_slice() {
+                [least, most] if least <= most => Some([*least, *most]),
+                _ => return Err(f.misfit(expected)),
+            }
+        }
+    };
+    if let (false, Some(field)) = (delays.is_empty(), table.get("delay_s")) {
+        return Err(field.misfit("only one of `delays` and `delay_s`"));
+    }
+    Ok(ChannelSpec {
+        loss,
+        delays,
+        delay_s,
+        duplication: table.get("duplication").map_or(Ok(0.0), |f| probability(&f))?,
+        duplication_lag_s: table.get("duplication_lag_s").map_or(Ok(0.0), |f| seconds(&f))?,
+        shows: table.get("shows").map_or(Ok(Shows::Paper), |f| shows(&f))?,
+    })
+}
+
+fn loss_rates(table: &Table<'_>) -> Result<Vec<f64>, BuildError> {
+    let expected = "a number from 0 up to, but not including, 1, or a list of them";
+    let field = table.require("loss_rate", expected)?;
+    let rate = |f: &Field<'_>| f.number(expected, |v| (0.0..1.0).contains(&v));
+    match field.elements() {
+        None => Ok(vec![rate(&field)?]),
+        Some(_) => field.list(expected)?.iter().map(rate).collect(),
+    }
+}
