@@ -21,6 +21,7 @@ pub mod spec;
 pub mod survey;
 pub mod target;
 pub mod trace;
+pub mod theory;
 pub mod tracker;
 pub mod trackers;
 pub mod trail;

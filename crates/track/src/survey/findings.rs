@@ -14,7 +14,7 @@ fn count(n: u64, noun: &str) -> String {
 }
 
 /// A number with about three significant digits.
-pub(super) fn short(value: f64) -> String {
+pub(crate) fn short(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return format!("{value}");
     }

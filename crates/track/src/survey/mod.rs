@@ -15,6 +15,7 @@ mod timing;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use findings::short;
 pub use geometry::Geometry;
 pub use loss::{Basis, Loss, MAX_BURST};
 pub use propose::{Circumstances, ProposeError, propose};
@@ -206,6 +207,11 @@ pub fn survey(targets: &[TargetPackets], anchors: &Anchors) -> Survey {
 }
 
 impl Survey {
+    /// The usual interval between the instants of a target, seconds: the median over targets, of the period where reports are regular.
+    pub fn usual_interval_s(&self) -> Option<f64> {
+        stats::median(self.targets.iter().filter_map(|t| t.period_s.or_else(|| t.interval_s.map(|q| q.p50))))
+    }
+
     /// The survey with what was seen of the rows before they were sorted: a table that holds no row twice any more had
     /// `duplicates` of them, and `disordered` rows older than a row above.
     pub fn with_table_counts(mut self, duplicates: u64, disordered: u64) -> Survey {
