@@ -89,6 +89,86 @@ fn check_counts_rows_that_a_spec_leaves_out_and_refuses_one_that_does_not_fit() 
     assert!(ran.err.contains("biased.toml") && ran.err.contains("A9"), "{ran:?}");
 }
 
+/// 200 instants of a target at 10 Hz, every fifth lost; instant 50 is half a second late, and one packet comes twice.
+fn late_table() -> String {
+    let mut rows: Vec<(f64, String)> = Vec::new();
+    for k in (0..200).filter(|k| k % 5 != 4) {
+        let (t, late) = (0.1 * f64::from(k), if k == 50 { 0.5 } else { 0.0 });
+        let received = t + 0.02 + late;
+        let row = |received: f64| (received, format!("{t:.1},T1,{:.3},{:.3},{k},{received:.2}\n", t.cos(), t.sin()));
+        rows.push(row(received));
+        if k == 100 {
+            rows.push(row(received + 0.05));
+        }
+    }
+    rows.sort_by(|a, b| a.0.total_cmp(&b.0));
+    rows.into_iter().fold("t,target,x,y,seq,received\n".to_owned(), |all, (_, row)| all + &row)
+}
+
+const POSITIONS: &str = "\
+[model]
+kind = \"random-walk\"
+axes = 2
+noise = 0.1
+
+[sensor]
+kind = \"position\"
+sd = 0.5
+
+[estimator]
+kind = \"kalman\"
+";
+
+#[test]
+fn check_tells_delays_repeats_and_disorder_as_text_and_json() {
+    let folder = Folder::new();
+    folder.write("m.csv", late_table());
+    let text = folder.run(&["check", "m.csv"]).good().out;
+    // t = 5.0 is received at 5.52, after t = 5.3 at 5.32; t = 5.4 is lost, and 5.5 comes at the same time.
+    let delays = text.lines().find(|l| l.contains("0.520")).unwrap_or_else(|| panic!("{text}"));
+    assert_eq!(
+        delays.split_whitespace().collect::<Vec<_>>(),
+        ["T1", "0.0200", "0.0200", "0.0200", "0.0200", "0.520", "1", "0.300", "0.3"]
+    );
+    assert!(text.contains("1 duplicate dropped, 1 out of order"), "{text}");
+    assert!(!text.contains("theory"), "{text}");
+    let json = folder.run(&["check", "m.csv", "--json"]).good().json();
+    assert_eq!((&json["duplicates"], &json["out_of_order"]), (&1.into(), &1.into()));
+    let late = &json["targets"][0]["late"];
+    assert_eq!((&late["overtaken"], &late["needed_late_s"]), (&1.into(), &0.3.into()));
+    assert!(json["theory"].is_null(), "{json}");
+}
+
+#[test]
+fn check_with_a_spec_says_what_theory_promises_or_why_nothing() {
+    let folder = Folder::new();
+    folder.write("m.csv", late_table()).write("p.toml", POSITIONS);
+    let json = folder.run(&["check", "m.csv", "-c", "p.toml", "--json"]).good().json();
+    let theory = &json["theory"];
+    // The last loss is never noticed: 160 of 199.
+    assert!((theory["arrival"].as_f64().expect("a rate") - 160.0 / 199.0).abs() < 1e-12, "{theory}");
+    assert_eq!((&theory["arrival_by"], &theory["error"]), (&"measured by sequence numbers".into(), &"bounded".into()));
+    // λx² − w x − w r = 0 with w = 0.1·0.1 and r = 0.25.
+    let sd = |name: &str| theory["states"][0]["predicted_sd"][name].as_f64().expect("a bound");
+    for (name, arrival) in [("lossless", 1.0), ("upper", 160.0 / 199.0)] {
+        let expected = ((0.01 + f64::sqrt(0.0001 + 4.0 * arrival * 0.0025)) / (2.0 * arrival)).sqrt();
+        // The interval is a median of differences of decimal numbers, the bound itself good to 1e-9.
+        assert!((sd(name) / expected - 1.0).abs() < 1e-8, "{name}: {}, expected {expected}", sd(name));
+    }
+    folder.write("p.toml", format!("{POSITIONS}\n[link]\narrival = 0.5\n"));
+    let text = folder.run(&["check", "m.csv", "-c", "p.toml"]).good().out;
+    assert!(
+        text.contains("theory, when 50 % of the packets arrive (by `link.arrival`), an instant every 0.1 s:"),
+        "{text}"
+    );
+    assert!(text.contains("any arrival rate above 0"), "{text}");
+    let ranges = walk_folder();
+    let text = ranges.run(&["check", "m.csv", "-c", "spec.toml"]).good().out;
+    assert!(text.contains("Theory bounds no error of this spec: values of kind `range` are not linear"), "{text}");
+    let json = ranges.run(&["check", "m.csv", "-c", "spec.toml", "--json"]).good().json();
+    assert!(json["theory"]["not_defined_because"].as_str().is_some_and(|w| w.contains("range")), "{json}");
+}
+
 #[test]
 fn demo_leaves_a_report_and_data_that_track_replays() {
     let folder = Folder::new();

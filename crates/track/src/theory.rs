@@ -8,7 +8,7 @@ use crate::model::{process_noise, row_vectors, square};
 use crate::packet::Kind;
 use crate::registry;
 use crate::spec::{ArrivalSpec, KinematicSpec, ModelSpec, Receiver, SensorSpec, Spec};
-use crate::survey::{Basis, Survey, short};
+use crate::survey::{Basis, Loss, Survey, short};
 use fixtrail_core::Vector;
 use fixtrail_core::models::Integrators;
 pub use fixtrail_core::riccati::CriticalRate;
@@ -31,8 +31,8 @@ pub struct Theory {
     pub verdict: Verdict,
     /// Each component of the state.
     pub states: Vec<StateBounds>,
-    /// What a link without time stamps changes.
-    pub caveat: Option<&'static str>,
+    /// What makes errors larger than that.
+    pub caveats: Vec<&'static str>,
 }
 
 /// Whether the expected squared error stays bounded.
@@ -102,9 +102,11 @@ impl Source {
 }
 
 const HELD_UNSTABLE: &str = "without time stamps no linear filter (`lmvf`, `lmmse`, `emvf`) keeps a bounded error at any arrival rate \
-                             below 1, because the old and the new value that it cannot tell apart differ ever more; `gpb1` does, or \
-                             time stamps";
+                             below 1: the old and the new value that it cannot tell apart differ ever more. `gpb1` tells most of them \
+                             apart, time stamps all";
 const HELD: &str = "the bounds are for a filter that knows which values are new; without time stamps errors are larger";
+
+const BURSTS: &str = "the bounds are for independent losses; these come in bursts, which do more harm";
 
 /// Returns what theory says of `spec` for the data of a survey, and where the arrival rate comes from.
 ///
@@ -118,7 +120,11 @@ pub fn theory_for(spec: &Spec, survey: &Survey) -> Result<(Theory, Source), Stri
         (_, Some(loss)) => (1.0 - loss.rate(), Source::Measured(loss.basis)),
         (_, None) => (1.0, Source::Assumed),
     };
-    Ok((theory(spec, survey.usual_interval_s(), arrival)?, source))
+    let mut told = theory(spec, survey.usual_interval_s(), arrival)?;
+    if survey.loss.as_ref().is_some_and(Loss::is_bursty) {
+        told.caveats.push(BURSTS);
+    }
+    Ok((told, source))
 }
 
 /// Returns what theory says of `spec` when each instant's packets arrive with probability `arrival`.
@@ -215,9 +221,9 @@ fn describe<const N: usize>(spec: &Spec, system: &Lossy<N>, interval_s: Option<f
             }
         })
         .collect();
-    let caveat = match spec.link.receiver {
-        Receiver::Stamped { .. } => None,
-        Receiver::Unstamped { .. } => Some(if is_unstable { HELD_UNSTABLE } else { HELD }),
+    let caveats = match spec.link.receiver {
+        Receiver::Stamped { .. } => Vec::new(),
+        Receiver::Unstamped { .. } => vec![if is_unstable { HELD_UNSTABLE } else { HELD }],
     };
     Theory {
         arrival,
@@ -227,11 +233,17 @@ fn describe<const N: usize>(spec: &Spec, system: &Lossy<N>, interval_s: Option<f
         critical,
         verdict,
         states,
-        caveat,
+        caveats,
     }
 }
 
 impl Theory {
+    /// Returns the assumption in a clause: "when 90 % of the packets arrive (by `link.arrival`), an instant every 0.1 s".
+    pub fn assumption(&self, source: Source) -> String {
+        let every = self.interval_s.map_or(String::new(), |s| format!(", an instant every {} s", short(s)));
+        format!("when {} % of the packets arrive ({}){every}", short(100.0 * self.arrival), source.text())
+    }
+
     /// Returns in sentences what arrival rate the model needs, whether it has it, and what else has to be said.
     pub fn sentences(&self) -> Vec<String> {
         let radius = short(self.spectral_radius);
@@ -270,7 +282,7 @@ impl Theory {
             Verdict::Unbounded => out.push(format!("at {rate} they grow without bound")),
             Verdict::Undecided => out.push(format!("{rate} lies between")),
         }
-        out.extend(self.caveat.map(str::to_owned));
+        out.extend(self.caveats.iter().map(|c| (*c).to_owned()));
         out
     }
 }
@@ -407,11 +419,45 @@ mod tests {
     fn link_without_time_stamps_warns_of_linear_filters_where_the_model_is_unstable() {
         let unstamped = "[link]\nstamped = false\narrival = 0.9";
         let caveat =
-            |a: &str, link: &str| theory(&linear(a, "[[1, 1]]", "[[2.5]]", link), None, 0.9).expect("linear").caveat;
-        let warning = caveat(UNSTABLE, unstamped).expect("a warning");
+            |a: &str, link: &str| theory(&linear(a, "[[1, 1]]", "[[2.5]]", link), None, 0.9).expect("linear").caveats;
+        let warning = caveat(UNSTABLE, unstamped)[0];
         assert!(warning.contains("`lmvf`, `lmmse`, `emvf`") && warning.contains("`gpb1`"), "{warning}");
-        assert!(!caveat("[[0.6, 0], [0.8, 0.5]]", unstamped).expect("a remark").contains("`lmvf`"));
-        assert_eq!(caveat(UNSTABLE, ""), None);
+        assert!(!caveat("[[0.6, 0], [0.8, 0.5]]", unstamped)[0].contains("`lmvf`"));
+        assert!(caveat(UNSTABLE, "").is_empty());
+    }
+
+    #[test]
+    fn rate_is_the_spec_s_or_the_measured_one_and_bursts_are_told() {
+        use crate::packet::{Content, Packet};
+        use crate::target::TargetPackets;
+        let looked = |is_lost: fn(u64) -> bool| {
+            let packets = (0..1000).filter(|k| !is_lost(*k)).map(|k| Packet {
+                t_s: 0.5 * k as f64,
+                k: None,
+                content: Content::Position([Some(0.0), Some(0.0), None]),
+                sd: None,
+                seq: Some(k),
+                received_s: None,
+                arrival: None,
+                line: k + 1,
+            });
+            let target = TargetPackets { target: None, packets: packets.collect() };
+            crate::survey::survey(&[target], &crate::anchors::Anchors::default())
+        };
+        let (single, burst) = (looked(|k| k % 10 == 5), looked(|k| k % 40 >= 20 && k % 40 < 24));
+        let own = walk("random-walk", "0.04", 0.5, "");
+        for (survey, caveats) in [(&single, 0), (&burst, 1)] {
+            let (told, source) = theory_for(&own, survey).expect("positions");
+            // 100 of 1000 lost, all between others.
+            assert_eq!((told.arrival, source, told.interval_s), (0.9, Source::Measured(Basis::Sequence), Some(0.5)));
+            assert_eq!(told.caveats.len(), caveats, "{:?}", told.caveats);
+        }
+        let given = walk("random-walk", "0.04", 0.5, "[link]\narrival = 0.7\n");
+        let (told, source) = theory_for(&given, &single).expect("positions");
+        assert_eq!((told.arrival, source), (0.7, Source::Spec));
+        let silent = crate::survey::Survey { loss: None, ..single };
+        let (told, source) = theory_for(&own, &silent).expect("positions");
+        assert_eq!((told.arrival, source), (1.0, Source::Assumed));
     }
 
     #[test]

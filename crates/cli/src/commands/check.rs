@@ -8,6 +8,8 @@ use crate::failure::Failure;
 use crate::output::{Results, say};
 use crate::whole;
 use clap::Args;
+use fixtrail_track::survey::Survey;
+use fixtrail_track::theory::{Source, Theory, theory_for};
 use fixtrail_track::trackers::LaggedMode;
 use std::process::ExitCode;
 
@@ -46,6 +48,12 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     }
     save(data_arguments, &data)?;
     Ok(ExitCode::SUCCESS)
+}
+
+/// What theory says of the user's spec, or why nothing; `None` without one.
+fn promise(data: &Data, survey: &Survey) -> Option<Result<(Theory, Source), String>> {
+    let given = data.spec.as_ref().ok().filter(|s| s.path.is_some())?;
+    Some(theory_for(&given.spec, survey))
 }
 
 /// Writes the proposed spec where the user wants it.

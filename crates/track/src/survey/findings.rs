@@ -105,7 +105,7 @@ fn timing(survey: &Survey, list: &mut Vec<Finding>) {
 fn order(survey: &Survey, list: &mut Vec<Finding>) {
     if survey.duplicates > 0 {
         let text = format!(
-            "{} an earlier row exactly and will be used once",
+            "{} an earlier one's measurement and will be used once",
             match survey.duplicates {
                 1 => "1 row repeats".to_owned(),
                 n => format!("{n} rows repeat"),
@@ -113,13 +113,15 @@ fn order(survey: &Survey, list: &mut Vec<Finding>) {
         );
         add(list, Severity::Note, text);
     }
-    let worst = survey.targets.iter().map(|t| t.late.worst_s).fold(0.0, f64::max);
+    let worst =
+        survey.targets.iter().map(|t| t.late).max_by(|a, b| a.worst_s.total_cmp(&b.worst_s)).unwrap_or_default();
     let overtaken: u64 = survey.targets.iter().map(|t| t.late.overtaken).sum();
     if overtaken > 0 {
         let text = format!(
-            "{} arrived after a newer packet, up to {} s late: a live run needs `late_s` of that much",
+            "{} arrived after a newer packet, up to {} s late: a live run needs `late_s = {}` to use all of them",
             count(overtaken, "packet"),
-            short(worst)
+            short(worst.worst_s),
+            worst.needed_late_s()
         );
         add(list, Severity::Note, text);
     } else if survey.disordered > 0 {

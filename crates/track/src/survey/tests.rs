@@ -171,6 +171,8 @@ fn repeats_and_delays_are_counted() {
     // Packet 10 comes after 11 … 15; the swap is one of rows, not of receptions.
     assert_eq!((late.disordered, late.overtaken), (1, 1));
     assert!((late.worst_s - 0.5).abs() < 1e-9, "{late:?}");
+    assert_eq!(late.needed_late_s(), 0.5);
+    assert!(survey.findings.iter().any(|f| f.text.contains("needs `late_s = 0.5`")), "{:?}", survey.findings);
     assert!((late.delay_s.expect("reception times").p50 - 0.02).abs() < 1e-9);
 }
 

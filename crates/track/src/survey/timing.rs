@@ -32,6 +32,14 @@ pub struct Late {
     pub delay_s: Option<Quantiles>,
 }
 
+impl Late {
+    /// The `late_s` that a live run needs to use every packet, rounded up to a millisecond, seconds.
+    pub fn needed_late_s(&self) -> f64 {
+        // Times are differences of decimal numbers; the link forgives a nanosecond too.
+        ((self.worst_s - 1e-9).max(0.0) * 1000.0).ceil() / 1000.0
+    }
+}
+
 /// The usual interval between the instants of a target, irregular or not.
 pub(super) fn intervals(instants: &[f64]) -> Option<Quantiles> {
     Quantiles::of(instants.windows(2).map(|w| w[1] - w[0]))

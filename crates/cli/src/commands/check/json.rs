@@ -1,7 +1,9 @@
 //! A survey as JSON.
 
+use super::promise;
 use crate::data::{Data, DataArguments};
 use fixtrail_track::survey::{KindSurvey, Late, Loss, Quantiles, Survey, TargetSurvey};
+use fixtrail_track::theory::{Bounds, Source, Theory};
 use serde_json::{Value, json};
 
 /// Everything that `check --json` prints.
@@ -30,6 +32,10 @@ pub fn report(arguments: &DataArguments, data: &Data, survey: &Survey) -> Value 
         "loss": survey.loss.as_ref().map(loss),
         "findings": survey.findings.iter()
             .map(|f| json!({ "severity": f.severity.name(), "text": f.text })).collect::<Vec<_>>(),
+        "theory": promise(data, survey).map(|told| told.map_or_else(
+            |why| json!({ "not_defined_because": why }),
+            |(told, source)| theory(&told, source),
+        )),
         "proposed_spec": data.spec.as_ref().ok().filter(|s| s.path.is_none()).map(|s| &s.text),
         "no_spec_because": data.spec.as_ref().err().map(ToString::to_string),
     })
@@ -60,7 +66,12 @@ fn quantiles(q: &Quantiles) -> Value {
 }
 
 fn late(l: &Late) -> Value {
-    json!({ "overtaken": l.overtaken, "worst_s": l.worst_s, "delay_s": l.delay_s.as_ref().map(quantiles) })
+    json!({
+        "overtaken": l.overtaken,
+        "worst_s": l.worst_s,
+        "needed_late_s": l.needed_late_s(),
+        "delay_s": l.delay_s.as_ref().map(quantiles),
+    })
 }
 
 fn loss(l: &Loss) -> Value {
@@ -74,6 +85,22 @@ fn loss(l: &Loss) -> Value {
         "mean_burst_if_independent": l.geometric_mean_burst(),
         "longest_burst": l.longest_burst,
         "bursty": l.is_bursty(),
+    })
+}
+
+fn theory(t: &Theory, source: Source) -> Value {
+    let bounds = |b: &Bounds| json!({ "lower": b.lower, "upper": b.upper, "lossless": b.lossless });
+    json!({
+        "arrival": t.arrival,
+        "arrival_by": source.text(),
+        "interval_s": t.interval_s,
+        "spectral_radius": t.spectral_radius,
+        "critical_rate": { "lower": t.critical.lower, "upper": t.critical.upper },
+        "error": t.verdict.name(),
+        "states": t.states.iter()
+            .map(|s| json!({ "state": s.name, "predicted_sd": bounds(&s.predicted), "filtered_sd": bounds(&s.filtered) }))
+            .collect::<Vec<_>>(),
+        "says": t.sentences(),
     })
 }
 

@@ -1,10 +1,12 @@
 //! A survey as text.
 
+use super::promise;
 use crate::data::{Data, DataArguments};
 use crate::figures::{counted, grouped, percent, short, short_or_dash};
 use crate::output::table;
 use fixtrail_track::packet::Kind;
 use fixtrail_track::survey::{KindSurvey, Loss, Survey, TargetSurvey};
+use fixtrail_track::theory::{Bounds, Source, Theory};
 
 /// Most targets and anchors shown; `--json` has them all.
 const MOST_ROWS: usize = 20;
@@ -22,11 +24,19 @@ pub fn report(arguments: &DataArguments, data: &Data, survey: &Survey) -> String
     if let Some(loss) = survey.loss.as_ref().filter(|l| l.burst_count() > 0) {
         blocks.push(bursts(loss));
     }
+    if survey.targets.iter().any(|t| t.late.delay_s.is_some()) {
+        blocks.push(delays(&survey.targets));
+    }
     let mut findings: Vec<String> =
         survey.findings.iter().map(|f| format!("{:8} {}", format!("{}:", f.severity.name()), f.text)).collect();
     findings.extend(table_notes(data).into_iter().map(|note| format!("note:    {note}")));
     if !findings.is_empty() {
         blocks.push(findings.join("\n"));
+    }
+    match promise(data, survey) {
+        None => {}
+        Some(Ok((told, source))) => blocks.push(theory(&told, source)),
+        Some(Err(why)) => blocks.push(format!("Theory bounds no error of this spec: {why}.")),
     }
     blocks.push(spec(arguments, data));
     blocks.join("\n\n")
@@ -40,6 +50,13 @@ fn headline(arguments: &DataArguments, data: &Data, survey: &Survey) -> String {
     if start <= end {
         let time = data.table.time;
         line += &format!(", t = {} to {} ({} s)", time.text(start), time.text(end), short(end - start));
+    }
+    let counts = &data.table.counts;
+    if counts.duplicates > 0 {
+        line += &format!(", {} dropped", counted(counts.duplicates, "duplicate"));
+    }
+    if counts.out_of_order > 0 {
+        line += &format!(", {} out of order", grouped(counts.out_of_order));
     }
     line
 }
@@ -131,6 +148,50 @@ fn bursts(loss: &Loss) -> String {
         })
         .collect();
     table(&["lost in a row", "times", "if independent"], &rows)
+}
+
+/// From sensing to reception, and what came after something newer.
+fn delays(all: &[TargetSurvey]) -> String {
+    let header =
+        ["target", "delay/s: least", "5 %", "50 %", "95 %", "most", "overtaken", "latest by/s", "needs late_s"];
+    let timed: Vec<&TargetSurvey> = all.iter().filter(|t| t.late.delay_s.is_some()).collect();
+    let mut rows: Vec<Vec<String>> = timed
+        .iter()
+        .take(MOST_ROWS)
+        .map(|t| {
+            let mut row = vec![t.target.clone().unwrap_or_else(|| "–".to_owned())];
+            row.extend(t.late.delay_s.iter().flat_map(|q| [q.min, q.p05, q.p50, q.p95, q.max]).map(short));
+            row.extend([grouped(t.late.overtaken), short(t.late.worst_s), t.late.needed_late_s().to_string()]);
+            row
+        })
+        .collect();
+    if timed.len() > MOST_ROWS {
+        rows.push(vec![format!("… {} more (--json has all)", timed.len() - MOST_ROWS)]);
+    }
+    table(&header, &rows)
+}
+
+/// The bounds of \[SIN04\] for the user's spec.
+fn theory(told: &Theory, source: Source) -> String {
+    let mut lines = vec![format!("theory, {}:", told.assumption(source))];
+    lines.extend(told.sentences().into_iter().map(|s| format!("  {s}")));
+    let header = [
+        "sd of a Kalman filter's",
+        "prediction: least",
+        "most",
+        "without loss",
+        "estimate: least",
+        "most",
+        "without loss",
+    ];
+    let cells = |b: &Bounds| [b.lower, b.upper, b.lossless].map(short_or_dash);
+    let rows: Vec<Vec<String>> = told
+        .states
+        .iter()
+        .map(|s| [s.name.clone()].into_iter().chain(cells(&s.predicted)).chain(cells(&s.filtered)).collect())
+        .collect();
+    lines.push(table(&header, &rows));
+    lines.join("\n")
 }
 
 /// What only the reader saw.
