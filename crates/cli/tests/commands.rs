@@ -170,6 +170,21 @@ fn check_with_a_spec_says_what_theory_promises_or_why_nothing() {
 }
 
 #[test]
+fn report_has_a_link_section_with_theory_and_late_packets() {
+    let folder = Folder::new();
+    folder.write("m.csv", late_table()).write("p.toml", format!("{POSITIONS}\n[link]\nlate_s = 0.1\n"));
+    folder.run(&["track", "m.csv", "-c", "p.toml", "-o", "t.csv", "--report", "r.html"]).good();
+    let page = folder.text("r.html");
+    for part in [
+        "<h2>Link</h2>",
+        "1 packet came too late to be used, the first of T1",
+        "Theory, when 80.4 % of the packets arrive",
+    ] {
+        assert!(page.contains(part), "{part}");
+    }
+}
+
+#[test]
 fn demo_leaves_a_report_and_data_that_track_replays() {
     let folder = Folder::new();
     let ran = folder.run(&["demo", "--seed", "3", "-o", "walk"]).good();

@@ -45,6 +45,7 @@ fn walk() -> Result<String, String> {
         series: &series,
         truth: &run.truth,
         anchors: &run.anchors,
+        theory: None,
         packets: &run.packets,
     }))
 }
@@ -98,6 +99,7 @@ fn fleet(points: usize) -> Result<String, String> {
         series: &[Series { name: "kalman", trails: &trails, score: Some(&score) }],
         truth: &truth,
         anchors: &Anchors::default(),
+        theory: None,
         packets: &packets,
     }))
 }
@@ -113,6 +115,7 @@ fn linear() -> String {
         series: &[Series { name: "fms", trails: &trails, score: None }],
         truth: &[],
         anchors: &Anchors::default(),
+        theory: None,
         packets: &[],
     })
 }

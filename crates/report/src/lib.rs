@@ -4,6 +4,7 @@
 
 mod charts;
 mod format;
+mod link;
 mod page;
 mod svg;
 mod tables;
@@ -14,6 +15,7 @@ use fixtrail_sim::metrics::Score;
 use fixtrail_track::anchors::Anchors;
 use fixtrail_track::layout::Layout;
 use fixtrail_track::target::{TargetPackets, TargetTrail};
+use fixtrail_track::theory::{Source, Theory};
 use fixtrail_track::truth::TargetTruth;
 
 /// What a page shows. Absent parts are empty slices; their charts are left out.
@@ -33,6 +35,8 @@ pub struct Page<'a> {
     pub truth: &'a [TargetTruth],
     /// The fixed radios.
     pub anchors: &'a Anchors,
+    /// What theory says of the error, and where the arrival rate in it comes from.
+    pub theory: Option<&'a (Theory, Source)>,
     /// What arrived: positions are drawn in the plan, and every packet in the timeline.
     pub packets: &'a [TargetPackets],
 }

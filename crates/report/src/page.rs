@@ -2,7 +2,7 @@
 
 use crate::charts::{COLOURS, Detail, cdf, errors, nis, plan, series_class, states, timeline};
 use crate::format::{count, shortened, target};
-use crate::{Page, tables};
+use crate::{Page, link, tables};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 /// Targets whose charts over time are drawn.
@@ -41,6 +41,7 @@ pub fn render(page: &Page<'_>) -> String {
                     section class="charts" {
                         @if let Some(figure) = plan::plan(page) { (figure) }
                     }
+                    (link::link(page))
                     (tables::targets(page))
                     @for (i, id) in shown.iter().enumerate() {
                         @if page.targets().len() > 1 { h2 class="target" { "Target " (target(*id)) } }

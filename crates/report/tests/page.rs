@@ -35,6 +35,7 @@ fn walk(run: &Demo) -> String {
         ],
         truth: &run.truth,
         anchors: &run.anchors,
+        theory: None,
         packets: &run.packets,
     })
 }
@@ -103,6 +104,7 @@ fn texts_of_users_are_escaped() {
         series: &[Series { name: evil, trails: &trails, score: Some(&score) }],
         truth: &truth,
         anchors: &anchors,
+        theory: None,
         packets: &packets,
     });
     assert!(!page.contains("<script>alert"));
@@ -136,6 +138,7 @@ fn linear_page_shows_states_and_breaks_lines_where_unobservable() {
         series: &[Series { name: "fms", trails: &trails, score: None }],
         truth: &[],
         anchors: &Anchors::default(),
+        theory: None,
         packets: &packets,
     });
     assert_self_contained_and_finite(&page);
@@ -191,6 +194,7 @@ fn page_of_a_hundred_thousand_rows_and_three_estimators_stays_below_three_megaby
         series: &series,
         truth: &truth,
         anchors: &Anchors::default(),
+        theory: None,
         packets: &packets,
     });
     assert_self_contained_and_finite(&page);
@@ -217,6 +221,7 @@ fn dozens_of_targets_are_all_in_the_table_and_the_worst_in_detail() {
         series: &[Series { name: "ekf", trails: &trails, score: Some(&score) }],
         truth: &truth,
         anchors: &Anchors::default(),
+        theory: None,
         packets: &[],
     });
     assert_self_contained_and_finite(&page);
@@ -240,6 +245,7 @@ fn empty_trails_give_a_page_without_charts() {
         series: &[Series { name: "ekf", trails: &trails, score: None }],
         truth: &[],
         anchors: &Anchors::default(),
+        theory: None,
         packets: &[],
     });
     assert_self_contained_and_finite(&page);
@@ -270,8 +276,58 @@ fn one_axis_shows_position_over_time_with_its_unit() {
         series: &[Series { name: "kalman", trails: &trails, score: None }],
         truth: &[],
         anchors: &Anchors::default(),
+        theory: None,
         packets: &[],
     });
     assert_self_contained_and_finite(&page);
     assert!(page.contains("x [m]") && page.contains("vx [m/s]") && !page.contains("Surprise over time"));
+}
+
+#[test]
+fn link_section_counts_what_is_not_zero_and_shows_theory() {
+    use fixtrail_track::link::LinkReport;
+    use fixtrail_track::theory::{Source, theory};
+    let spec = "[model]\nkind = \"random-walk\"\naxes = 2\nnoise = 0.1\n[sensor]\nkind = \"position\"\nsd = 0.5\n";
+    let spec = fixtrail_track::spec::parse(spec, std::path::Path::new("spec"), &mut |_| Ok(Vec::new())).unwrap();
+    let told = (theory(&spec, Some(0.1), 0.5).unwrap(), Source::Spec);
+    let page = |links: [LinkReport; 2], theory| {
+        let trails =
+            links.map(|link| TargetTrail { target: None, trail: fixtrail_track::trail::Trail::new(2, false), link });
+        render(&Page {
+            title: "",
+            subtitle: "",
+            notes: &[],
+            layout: &Layout::kinematic(1, 2, &[]),
+            series: &[Series { name: "kalman", trails: &trails, score: None }],
+            truth: &[],
+            anchors: &Anchors::default(),
+            theory,
+            packets: &[],
+        })
+    };
+    assert!(!page(Default::default(), None).contains("<h2>Link</h2>"));
+    let busy =
+        LinkReport { too_late: 2, first_too_late: Some(31), copies: 3, repeats: 4, stale: 1, arrival: Some(0.75) };
+    let html = page([busy, LinkReport { copies: 1500, arrival: Some(0.9), ..LinkReport::default() }], None);
+    assert_self_contained_and_finite(&html);
+    for part in [
+        "2 packets came too late to be used, the first of the target in row 31",
+        "1\u{2009}503 packets that had come already",
+        "4 values equal to the one before",
+        "1 value old by the sequence number",
+        "arrival rates learnt on line: 0.750 to 0.900 over 2 targets",
+    ] {
+        assert!(html.contains(part), "{part}");
+    }
+    let html = page([LinkReport { arrival: Some(0.75), ..LinkReport::default() }, LinkReport::default()], None);
+    assert!(
+        html.contains("arrival rate learnt on line: 0.750") && !html.contains("too late") && !html.contains("equal to")
+    );
+    let html = page(Default::default(), Some(&told));
+    assert_self_contained_and_finite(&html);
+    // 0.285 m: √ of the root of λx² − w x − w r = 0 with λ = 0.5, w = 0.01, r = 0.25.
+    assert!(
+        html.contains("Theory, when 50 % of the packets arrive (by `link.arrival`), an instant every 0.1 s")
+            && html.contains("<td>0.285</td>"),
+    );
 }

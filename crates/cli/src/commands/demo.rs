@@ -218,6 +218,7 @@ fn page(seed: u64, walk: &Demo, runs: &[Run]) -> String {
         series: &series,
         truth: &walk.truth,
         anchors: &walk.anchors,
+        theory: None,
         packets: &walk.packets,
     })
 }

@@ -15,7 +15,10 @@ use fixtrail_report::{Page, Series, render};
 use fixtrail_sim::metrics::Score;
 use fixtrail_track::pipeline::{TrackError, track};
 use fixtrail_track::registry;
+use fixtrail_track::spec::EstimatorSpec;
+use fixtrail_track::survey::{self, Survey};
 use fixtrail_track::target::TargetTrail;
+use fixtrail_track::theory::{self, Source, Theory};
 use fixtrail_track::trackers::LaggedMode;
 use fixtrail_track::truth::TargetTruth;
 use std::path::{Path, PathBuf};
@@ -148,7 +151,10 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         format,
     };
     let layout = registry::layout(&spec.spec);
-    let page = arguments.report.as_ref().map(|_| page(arguments, &table, &spec, &outcome));
+    let page = arguments.report.as_ref().map(|_| {
+        let theory = promise(&spec, &table, survey.as_ref());
+        page(arguments, &table, &spec, &outcome, theory.as_ref())
+    });
     write_trails(&arguments.destination(), &outcome.trails, &layout, &table, &options)
         .map_err(|e| write_failure(e, &arguments.output))?;
     if let (Some(path), Some(page)) = (&arguments.report, page) {
@@ -240,7 +246,28 @@ fn track_all(
     Ok(Outcome { trails, truth, score, smoother, seconds })
 }
 
-fn page(arguments: &Arguments, table: &Table, spec: &SpecText, outcome: &Outcome) -> String {
+/// What theory says of the spec at the loss of the data; `None` where it says nothing.
+fn promise(spec: &SpecText, table: &Table, survey: Option<&Survey>) -> Option<(Theory, Source)> {
+    // A look at the data takes a while; a spec without a theory, at whatever interval and loss, needs none.
+    theory::theory(&spec.spec, Some(1.0), 1.0).ok()?;
+    let looked;
+    let survey = match survey {
+        Some(survey) => survey,
+        None => {
+            looked = survey::survey(&table.targets, &table.anchors);
+            &looked
+        }
+    };
+    theory::theory_for(&spec.spec, survey).ok()
+}
+
+fn page(
+    arguments: &Arguments,
+    table: &Table,
+    spec: &SpecText,
+    outcome: &Outcome,
+    theory: Option<&(Theory, Source)>,
+) -> String {
     let name = spec.spec.estimator.name();
     let smoother_name = format!("{name}, smoothed");
     let mut series = vec![Series { name, trails: &outcome.trails, score: outcome.score.as_ref() }];
@@ -260,6 +287,7 @@ fn page(arguments: &Arguments, table: &Table, spec: &SpecText, outcome: &Outcome
         series: &series,
         truth: &outcome.truth,
         anchors: &table.anchors,
+        theory,
         packets: &table.targets,
     })
 }
