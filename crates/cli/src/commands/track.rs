@@ -15,7 +15,6 @@ use fixtrail_report::{Page, Series, render};
 use fixtrail_sim::metrics::Score;
 use fixtrail_track::pipeline::{TrackError, track};
 use fixtrail_track::registry;
-use fixtrail_track::spec::EstimatorSpec;
 use fixtrail_track::survey::{self, Survey};
 use fixtrail_track::target::TargetTrail;
 use fixtrail_track::theory::{self, Source, Theory};

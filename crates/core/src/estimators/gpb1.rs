@@ -11,7 +11,7 @@
 
 use crate::estimators::augmented::{Cross, Hold, Joint, Sensed, Shown};
 use crate::estimators::kalman::{Evidence, finite};
-use crate::linalg::{definite_inverse, symmetrised};
+use crate::linalg::{definite_inverse, semidefinite_factor, symmetrised};
 use crate::types::{Belief, Matrix, StepError, Transition, Vector};
 
 /// Share of the measurement noise that a held value is blurred by.
@@ -58,7 +58,9 @@ impl<const N: usize, const M: usize> Gpb1<N, M> {
         arrival: f64,
     ) -> Result<Weighed, StepError> {
         let ahead = self.joint.ahead(leap, sensed, self.hold);
-        let held_cov = ahead.dd + sensed.r * BLUR;
+        // A value known exactly has a covariance of rounding errors, of either sign: what is left of it is a square.
+        let root = semidefinite_factor(&ahead.dd);
+        let held_cov = root * root.transpose() + sensed.r * BLUR;
         let fresh = Branch::of(ahead.fresh(), &ahead.n, &ahead.nn, shown, arrival)?;
         let held = Branch::of(ahead.held(), &ahead.d, &held_cov, shown, 1.0 - arrival)?;
         let likelier = fresh.log_weight.max(held.log_weight);

@@ -144,6 +144,10 @@ impl<'a> World<'a> {
         let mut known = vec![false; self.states.len()];
         known[0] = true;
         let is_linear = matches!(self.scenario.truth.model, ModelSpec::Linear(_));
+        if let (false, Some(first)) = (is_linear, self.sent[0].first()) {
+            // The prior stands at instant 0, of which nothing is told: an instant with a packet that measures nothing.
+            pipeline.push(Packet { content: Content::Position([None; 3]), ..first.clone() }, &mut Newest::default())?;
+        }
         for k in 0..self.states.len() {
             let came: Vec<usize> = match (shows, shown[k]) {
                 (Shows::Paper, Shown::Sensed(at)) => vec![at],

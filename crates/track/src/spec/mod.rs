@@ -80,6 +80,14 @@ impl ModelSpec {
             ModelSpec::Linear(m) => m.prior.as_ref(),
         }
     }
+
+    fn prior_mut(&mut self) -> Option<&mut Prior> {
+        match self {
+            ModelSpec::Kinematic(m) => m.prior.as_mut(),
+            ModelSpec::Turn(m) => m.prior.as_mut(),
+            ModelSpec::Linear(m) => m.prior.as_mut(),
+        }
+    }
 }
 
 /// A chain of integrators per axis, driven by white noise at the last one.

@@ -17,6 +17,7 @@
 //! ```
 
 use super::link;
+use super::matrix::{Definite, MAX_STATE, covariance};
 use super::names::{CHANNELS, Named, choose};
 use super::value::{Field, Lines, Node, Table};
 use super::{LinkSpec, Robust, SensorSpec, Spec, estimator, model, sensor};
@@ -309,7 +310,7 @@ fn field_of(field: &Field<'_>, sensors: &[SensorSpec]) -> Result<FieldSpec, Buil
 }
 
 fn contender(table: &Table<'_>, truth: &Spec, channel: &ChannelSpec) -> Result<Contender, BuildError> {
-    table.only("a contender", &["name", "estimator", "link", "shows", "gate"], &[])?;
+    table.only("a contender", &["name", "estimator", "link", "shows", "gate", "S0"], &[])?;
     let estimator = match table.get("estimator") {
         None => truth.estimator,
         Some(field) => estimator::estimator(&field.table("a table with a `kind`")?, &truth.model, &truth.sensors)?,
@@ -323,6 +324,11 @@ fn contender(table: &Table<'_>, truth: &Spec, channel: &ChannelSpec) -> Result<C
             return Err(field.misfit("no `gate` with a linear model, whose measurements have none"));
         }
         spec.sensors.iter_mut().for_each(|s| s.robust = Robust::Gate(gate));
+    }
+    if let Some(field) = table.get("S0") {
+        let moment = covariance(&field, MAX_STATE, Definite::Semi)?;
+        let prior = spec.model.prior_mut().filter(|p| p.mean.len() == moment.rows);
+        prior.ok_or_else(|| field.misfit("a matrix of the size of the state"))?.second_moment = Some(moment);
     }
     let name = match table.get("name") {
         None => estimator.name().to_owned(),
