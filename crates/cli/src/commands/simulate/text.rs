@@ -14,8 +14,9 @@ fn figure(v: &Estimated) -> String {
     if !(v.mean.is_finite() && v.se.is_finite()) || v.mean.abs() >= 1e7 {
         return short(v.mean);
     }
-    if v.se <= 0.0 {
-        return short(v.mean);
+    // What does not depend on chance: a claimed covariance of a linear model.
+    if v.se <= 1e-9 * v.mean.abs() {
+        return format!("{:.4}", v.mean);
     }
     let decimals = (1.0 - v.se.log10().floor()).clamp(0.0, 9.0) as usize;
     format!("{:.decimals$} ± {:.decimals$}", v.mean, v.se)
