@@ -10,6 +10,7 @@ use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 
 pub mod fixed;
+pub mod held;
 pub mod nonlinear;
 pub mod random;
 
