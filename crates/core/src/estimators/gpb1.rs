@@ -7,7 +7,8 @@
 //! weights ∝ p N(y; came), (1 − p) N(y; held);  mean and covariance of the mixture go on
 //! ```
 //!
-//! The noise of 1e-9 R keeps the density of a value finite that is already known exactly.
+//! The noise of 1e-9 R keeps the density of a value finite that is already known exactly. It blurs only that: what is shown is known from
+//! then on, and d⁺ carries no variance but that of its difference from it.
 
 use crate::estimators::augmented::{Cross, Hold, Joint, Sensed, Shown};
 use crate::estimators::kalman::{Evidence, finite};
@@ -59,8 +60,8 @@ impl<const N: usize, const M: usize> Gpb1<N, M> {
     ) -> Result<Weighed, StepError> {
         let ahead = self.joint.ahead(leap, sensed, self.hold);
         let held_cov = ahead.dd + sensed.r * BLUR;
-        let fresh = Branch::of(ahead.fresh(), &ahead.n, &ahead.nn, shown, arrival)?;
-        let held = Branch::of(ahead.held(), &ahead.d, &held_cov, shown, 1.0 - arrival)?;
+        let fresh = Branch::of(ahead.fresh(shown), &ahead.n, &ahead.nn, shown, arrival)?;
+        let held = Branch::of(ahead.held(shown), &ahead.d, &held_cov, shown, 1.0 - arrival)?;
         let likelier = fresh.log_weight.max(held.log_weight);
         let (a, b) = (libm::exp(fresh.log_weight - likelier), libm::exp(held.log_weight - likelier));
         let weight = a / (a + b);
