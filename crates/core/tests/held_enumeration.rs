@@ -119,6 +119,36 @@ fn conditional_spread_before_anything_was_used_is_the_unconditional_one() {
     }
 }
 
+#[test]
+fn lmmse_beside_a_component_that_is_never_seen_uses_a_value_of_much_less_noise() {
+    // A component that is not there has noise of 1; below 1e-12 of that, values of variance 1e-14 were taken for none.
+    let mut rng = Random::new(6);
+    for hold in HOLDS {
+        let kind = Kind { n: 2, m: 1, steps: 5, hold, missing: 0.0, arrival: None };
+        let mut run = held_run(&mut rng, &kind);
+        // The unit of everything: 1e7 of the old ones, about.
+        let unit = 1e-7;
+        (run.mean, run.cov) = (&run.mean * unit, &run.cov * (unit * unit));
+        for at in &mut run.instants {
+            (at.b, at.y) = (&at.b * unit, &at.y * unit);
+            (at.w, at.r) = (&at.w * (unit * unit), &at.r * (unit * unit));
+        }
+        let alone = run.best_linear(hold, 5);
+        for at in &mut run.instants {
+            at.c = DMatrix::from_fn(2, 2, |i, j| if i == 0 { at.c[(0, j)] } else { 0.0 });
+            at.r = DMatrix::from_diagonal(&nalgebra::DVector::from_vec(vec![at.r[(0, 0)], 1.0]));
+            at.y = nalgebra::DVector::from_vec(vec![at.y[0], 0.0]);
+            at.seen = vec![true, false];
+        }
+        let mut filter = lmmse::<2, 2>(&run, hold, Spread::Unconditional);
+        (1..=5).for_each(|k| {
+            run.step(&mut filter, k);
+        });
+        let off = deviation(&filter.belief(), &alone);
+        assert!(off < ROUNDING, "{off:e}");
+    }
+}
+
 /// Deviation of two covariances, relative to the standard deviations of the second.
 fn apart(a: &DMatrix<f64>, b: &DMatrix<f64>) -> f64 {
     let scale = |i: usize| b[(i, i)].sqrt();
