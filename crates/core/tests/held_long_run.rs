@@ -164,7 +164,7 @@ fn linear_filters_of_an_unstable_system_that_may_lose_end_in_an_error() {
             println!("a = {a}, p = {p}: {ends:?}");
             for end in ends {
                 let (k, e) = end.expect("an error");
-                assert!(matches!(e, StepError::SecondMoment | StepError::NotFinite { .. }), "{e}");
+                assert_eq!(e, StepError::SecondMoment);
                 // a^2k leaves the range of numbers there, 308 ln 10/(2 ln a) = 7268 and 875 from S_0 = 2; not before half of that.
                 assert!(k < overflow && k > overflow / 2, "{k}");
             }
