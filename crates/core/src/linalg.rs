@@ -80,8 +80,11 @@ pub fn cholesky(r: &mut [f64], q: usize) -> bool {
 }
 
 /// Returns a lower triangular `L` with `L Lᵀ = m` for a positive semidefinite `m`; a direction that has no variance left to working
-/// precision becomes a column of zeros.
+/// precision becomes a column of zeros. Entries are not numbers when those of `m` are not finite.
 pub fn semidefinite_factor<const N: usize>(m: &Matrix<N, N>) -> Matrix<N, N> {
+    if !m.iter().all(|v| v.is_finite()) {
+        return Matrix::repeat(f64::NAN);
+    }
     let mut l = Matrix::<N, N>::zeros();
     for j in 0..N {
         let mut d = m[(j, j)];

@@ -3,18 +3,24 @@
 mod oracle;
 
 use allocation_counter::measure;
+use fixtrail_core::estimators::augmented::{Hold, Sensed, Shown};
 use fixtrail_core::estimators::diffuse::Diffuse;
+use fixtrail_core::estimators::emvf::{Emvf, Options};
 use fixtrail_core::estimators::fms::gain::Shape;
 use fixtrail_core::estimators::fms::invariant::{InvariantWindow, Model};
 use fixtrail_core::estimators::fms::newton::{ColdStart, MOST_ROWS, Newton, WindowModel};
 use fixtrail_core::estimators::fms::varying::Varying;
 use fixtrail_core::estimators::fms::{Align, posterior_nis};
+use fixtrail_core::estimators::gpb1::Gpb1;
 use fixtrail_core::estimators::kalman::{Robust, predict, update};
+use fixtrail_core::estimators::lmmse::{Lmmse, Spread};
+use fixtrail_core::estimators::lmvf::Lmvf;
 use fixtrail_core::estimators::ufir::Ufir;
 use fixtrail_core::models::FmsPaper;
 use fixtrail_core::sensors::range;
 use fixtrail_core::{Belief, Matrix, Row, Transition, Vector};
 use oracle::fixed::Heap;
+use oracle::held::Filter;
 
 /// Runs 200 steps to warm up and counts the allocations of 400 more.
 fn assert_silent(name: &str, mut step: impl FnMut(usize)) {
@@ -139,4 +145,32 @@ fn newton_does_not_allocate() {
         let joint = newton.solve(&mut Walk { first: k }, 8, Some(4), &cold).unwrap();
         assert!(joint.filter.is_some() && joint.lagged.is_some());
     });
+}
+
+#[test]
+fn filters_for_held_values_do_not_allocate() {
+    // A turn that forgets, so that nothing leaves the range of numbers.
+    let f = Matrix::<2, 2>::new(0.9, 0.3, -0.3, 0.9);
+    let h = Matrix::<2, 2>::new(1.0, 0.0, 0.5, 1.0);
+    let sensed = |x: &Vector<2>| Sensed { expected: h * x, h, r: Matrix::identity() };
+    let belief = Belief { mean: Vector::repeat(1.0), cov: Matrix::<2, 2>::identity() };
+    let first = sensed(&belief.mean);
+    fn silent<F: Filter<2, 2>>(name: &str, mut held: F, f: Matrix<2, 2>, sensed: impl Fn(&Vector<2>) -> Sensed<2, 2>) {
+        assert_silent(name, |k| {
+            let leap = Transition { next: f * held.belief().mean, f, q: Matrix::identity() * 0.1 };
+            let shown = Shown { y: Vector::repeat((k as f64 * 0.3).sin()), seen: [k % 5 != 0, k % 3 != 0] };
+            held.take(&leap, &sensed(&leap.next), &shown, if k % 7 == 0 { 1.0 } else { 0.8 }).unwrap();
+        });
+    }
+    for root in [false, true] {
+        silent("lmvf", Lmvf::start(&belief, &belief.cov, &first, root), f, sensed);
+    }
+    let options = Options { range_mixture: true, ..Options::default() };
+    silent("emvf", Emvf::start(&belief, &belief.cov, &first, options), f, sensed);
+    for hold in [Hold::Paper, Hold::LastReceived] {
+        for spread in [Spread::Unconditional, Spread::Conditional] {
+            silent("lmmse", Lmmse::start(&belief, &first, hold, spread), f, sensed);
+        }
+        silent("gpb1", Gpb1::start(&belief, &first, hold), f, sensed);
+    }
 }

@@ -59,6 +59,11 @@ impl<const M: usize> Shown<M> {
         self.seen.iter().map(|s| u32::from(*s)).sum()
     }
 
+    /// Diagonal: 1 for what is seen, 0 for the rest.
+    fn mask(&self) -> Matrix<M, M> {
+        Matrix::from_fn(|i, j| if i == j && self.seen[i] { 1.0 } else { 0.0 })
+    }
+
     /// Returns `y − expected`, 0 for what is not seen.
     pub(crate) fn innovation(&self, expected: &Vector<M>) -> Vector<M> {
         Vector::from_fn(|i, _| if self.seen[i] { self.y[i] - expected[i] } else { 0.0 })
@@ -210,17 +215,34 @@ pub struct Ahead<const N: usize, const M: usize> {
 }
 
 impl<const N: usize, const M: usize> Ahead<N, M> {
-    /// Returns the joint moments if something came, and the covariance of what is shown, n, with them.
-    pub(crate) fn fresh(&self) -> (Joint<N, M>, Cross<N, M>) {
+    /// Returns the joint moments if something came, with z and d in terms of what is shown, and the covariance of n with them.
+    ///
+    /// A component that is seen is known then: its moments are not left to a subtraction.
+    pub(crate) fn fresh(&self, shown: &Shown<M>) -> (Joint<N, M>, Cross<N, M>) {
         let Self { x, n, xx, xn, nn, .. } = *self;
-        let joint = Joint { x, z: n, d: n, xx, xz: xn, xd: xn, zz: nn, zd: nn, dd: nn };
-        (joint, Cross { x: xn, z: nn, d: nn })
+        let rest = Matrix::identity() - shown.mask();
+        let (z, xz, zn) = (n + shown.innovation(&n), xn * rest, rest * nn);
+        let zz = zn * rest;
+        let joint = Joint { x, z, d: z, xx, xz, xd: xz, zz, zd: zz, dd: zz };
+        (joint, Cross { x: xn, z: zn, d: zn })
     }
 
-    /// Returns the joint moments if nothing came, and the covariance of what is shown, d, with them.
-    pub(crate) fn held(&self) -> (Joint<N, M>, Cross<N, M>) {
-        let Self { x, n, z, xx, xn, xz, xd, nn, nz, nd, zz, zd, .. } = *self;
-        let joint = Joint { x, z: n, d: z, xx, xz: xn, xd: xz, zz: nn, zd: nz, dd: zz };
-        (joint, Cross { x: xd, z: nd, d: zd })
+    /// Returns the joint moments if nothing came, with d⁺ = z as what is shown and z − d, and the covariance of d with them.
+    pub(crate) fn held(&self, shown: &Shown<M>) -> (Joint<N, M>, Cross<N, M>) {
+        let Self { x, n, z, d, xx, xn, xz, xd, nn, nz, nd, zz, zd, dd } = *self;
+        let mask = shown.mask();
+        let off = zd - mask * dd;
+        let joint = Joint {
+            x,
+            z: n,
+            d: z + shown.innovation(&d),
+            xx,
+            xz: xn,
+            xd: xz - xd * mask,
+            zz: nn,
+            zd: nz - nd * mask,
+            dd: symmetrised(&(zz - mask * zd.transpose() - off * mask)),
+        };
+        (joint, Cross { x: xd, z: nd, d: off })
     }
 }

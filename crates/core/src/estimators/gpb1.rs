@@ -7,11 +7,12 @@
 //! weights ∝ p N(y; came), (1 − p) N(y; held);  mean and covariance of the mixture go on
 //! ```
 //!
-//! The noise of 1e-9 R keeps the density of a value finite that is already known exactly.
+//! The noise of 1e-9 R keeps the density of a value finite that is already known exactly. It blurs only that: what is shown is known from
+//! then on, and d⁺ carries no variance but that of its difference from it.
 
 use crate::estimators::augmented::{Cross, Hold, Joint, Sensed, Shown};
 use crate::estimators::kalman::{Evidence, finite};
-use crate::linalg::{definite_inverse, semidefinite_factor, symmetrised};
+use crate::linalg::{definite_inverse, symmetrised};
 use crate::types::{Belief, Matrix, StepError, Transition, Vector};
 
 /// Share of the measurement noise that a held value is blurred by.
@@ -58,11 +59,9 @@ impl<const N: usize, const M: usize> Gpb1<N, M> {
         arrival: f64,
     ) -> Result<Weighed, StepError> {
         let ahead = self.joint.ahead(leap, sensed, self.hold);
-        // A value known exactly has a covariance of rounding errors, of either sign: what is left of it is a square.
-        let root = semidefinite_factor(&ahead.dd);
-        let held_cov = root * root.transpose() + sensed.r * BLUR;
-        let fresh = Branch::of(ahead.fresh(), &ahead.n, &ahead.nn, shown, arrival)?;
-        let held = Branch::of(ahead.held(), &ahead.d, &held_cov, shown, 1.0 - arrival)?;
+        let held_cov = ahead.dd + sensed.r * BLUR;
+        let fresh = Branch::of(ahead.fresh(shown), &ahead.n, &ahead.nn, shown, arrival)?;
+        let held = Branch::of(ahead.held(shown), &ahead.d, &held_cov, shown, 1.0 - arrival)?;
         let likelier = fresh.log_weight.max(held.log_weight);
         let (a, b) = (libm::exp(fresh.log_weight - likelier), libm::exp(held.log_weight - likelier));
         let weight = a / (a + b);

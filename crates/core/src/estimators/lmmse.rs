@@ -31,7 +31,7 @@ pub enum Spread {
     Conditional,
 }
 
-/// Eigenvalues of an innovation covariance up to this share of the largest noise variance are rounding errors of zero.
+/// Eigenvalues of an innovation covariance up to this share of the largest noise variance seen are rounding errors of zero.
 const NOTHING: f64 = 1e-12;
 
 /// Second moments of differences of what may be shown, per pair.
@@ -120,7 +120,7 @@ impl<const N: usize, const M: usize> Lmmse<N, M> {
             _ => Some(Differences::conditional(&ahead)),
         };
         let (prior, cross, y, cov) = ahead.mixed(p, spread.as_ref());
-        let noise = (0..M).fold(0.0_f64, |m, i| m.max(sensed.r[(i, i)]));
+        let noise = (0..M).filter(|i| shown.seen[*i]).fold(0.0_f64, |m, i| m.max(sensed.r[(i, i)]));
         let (inverse, rank) = pseudo_inverse(&shown.restricted(&cov), NOTHING * noise);
         let e = shown.innovation(&y);
         let gain = cross.gain(&inverse);

@@ -5,7 +5,7 @@
 //! ```text
 //! G_1 = C⁺A,  G_2 = C,  G_3 = C⁻A⁻¹  (C⁻, A⁻ of the step before; formed only when q_3 > 0)
 //! noise = q_1 R⁺ + q_2 R + q_3 R⁻ + q_3 G_3 W⁻ G_3ᵀ
-//! x̂⁺ = A x̂ + b + K (y − J x̂ − …),   S⁺ = A S Aᵀ + W                                 (13), (19)
+//! x̂⁺ = A x̂ + b + K (y − J x̂ − …),   S⁺ = A S Aᵀ + W                           (13), after (17)
 //! ```
 //!
 //! It is not the optimal filter, and P is not its error covariance: the theorem neglects that values already used are shown again.

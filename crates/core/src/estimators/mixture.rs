@@ -41,7 +41,7 @@ pub(crate) struct Moment<const N: usize> {
 }
 
 impl<const N: usize> Moment<N> {
-    /// Returns the moments after `x⁺ = F x + b + w`. (19) for b = 0.
+    /// Returns the moments after `x⁺ = F x + b + w`. \[MVF10\] after (17) for b = 0.
     pub(crate) fn leap(&self, leap: &Transition<N>, b: &Vector<N>) -> Self {
         let fx = leap.f * self.mean;
         let second = crate::estimators::kalman::propagate(&self.second, &leap.f, &leap.q);

@@ -10,8 +10,10 @@ use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 
 pub mod fixed;
+pub mod held;
 pub mod nonlinear;
 pub mod random;
+pub mod twofold;
 
 /// The matrices of one instant: its measurement, and the leap from it to the next.
 #[derive(Clone, Debug)]
