@@ -8,7 +8,7 @@ use common::{Folder, SPEC, walk_folder};
 fn help_of_every_command_has_an_example_and_succeeds() {
     let folder = Folder::new();
     assert!(folder.run(&["--help"]).good().out.contains("Example"));
-    for command in ["track", "check", "demo", "verify", "list"] {
+    for command in ["track", "check", "demo", "simulate", "verify", "list"] {
         let ran = folder.run(&[command, "--help"]).good();
         assert!(ran.out.contains(&format!("fixtrail {command}")), "{command}: {}", ran.out);
         assert!(ran.out.contains("Example"), "{command}: {}", ran.out);
