@@ -164,7 +164,7 @@ fn bad_scenarios_end_in_one_sentence_and_exit_code_2() {
         (change("name = \"told\"", "gate = 9"), &["contender[1].gate", "linear model"]),
         (change("name = \"told\"", "S0 = [[1, 0], [0, 1]]"), &["contender[1].S0", "size of the state"]),
         (change("A = [[0.9]]", "A = [[0.9, 0]]"), &["model.A", "1 × 2"]),
-        (change("[scenario]", "[scenery]"), &["scenery", "did you mean `scenario`?"]),
+        (change("[scenario]", "[scenarios]"), &["scenarios", "did you mean `scenario`?"]),
         (turn("[field]\nsize_m = [100, 100]\nsensors = 6\n", ""), &["field", "is missing"]),
         (turn("sensors = 6", "sensors = 6\nnearest = 7"), &["field.nearest", "is 7", "from 1 to 6"]),
         (turn("[100, 100]", "[100]"), &["field.size_m", "two positive lengths"]),

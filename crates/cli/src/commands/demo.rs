@@ -57,6 +57,23 @@ height_m = 1.0          # the tag is carried at this height, so the track is pla
 [estimator]
 ";
 
+/// A scenario that sends the walk through a worse network.
+const NETWORK: &str = "\
+# What a worse network would make of this walk: fixtrail simulate -c network.toml -o DIR
+version = 1
+
+[recording]
+measurements = \"measurements.csv\"
+
+[channel]
+kind = \"gilbert-elliott\"   # losses in bursts
+loss_rate = 0.3
+mean_burst = 4.0
+delay_s = [0.0, 2.0]       # what comes is up to 2 s late, and overtaken
+duplication = 0.05         # and sometimes comes twice
+duplication_lag_s = 1.0
+";
+
 /// One way to estimate the walk.
 struct Contender {
     name: &'static str,
@@ -113,9 +130,10 @@ struct Run {
 pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let folder = &arguments.output;
     fs::create_dir_all(folder).map_err(|e| Failure::unwritable(folder, &e))?;
-    let files = ["report.html", "measurements.csv", "anchors.csv", "truth.csv", "spec.toml"].map(|n| folder.join(n));
+    let files = ["report.html", "measurements.csv", "anchors.csv", "truth.csv", "spec.toml", "network.toml"]
+        .map(|n| folder.join(n));
     files.iter().try_for_each(|path| whole::check(path))?;
-    let [report, measurements, anchors, truth, spec] = &files;
+    let [report, measurements, anchors, truth, spec, network] = &files;
 
     let walk = demo(arguments.seed);
     let bar = Progress::pieces(CONTENDERS.len() as u64, "tracking");
@@ -130,6 +148,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     whole::write(anchors, tables::anchors(&walk.anchors).as_bytes())?;
     whole::write(truth, tables::truth(&walk.truth).as_bytes())?;
     whole::write(spec, spec_text(&CONTENDERS[0]).as_bytes())?;
+    whole::write(network, NETWORK.as_bytes())?;
     whole::write(report, page(arguments.seed, &walk, &runs).as_bytes())?;
 
     if arguments.json {
