@@ -287,7 +287,11 @@ fn tracks_come_in_table_order_and_the_first_error_wins_on_any_number_of_threads(
             done.fetch_add(n, std::sync::atomic::Ordering::Relaxed);
         };
         let make = |t: &fixtrail_track::target::TargetPackets| {
-            Ok::<_, String>(TargetTrail { target: t.target.clone(), trail: Trail::new(2, false), link: Default::default() })
+            Ok::<_, String>(TargetTrail {
+                target: t.target.clone(),
+                trail: Trail::new(2, false),
+                link: Default::default(),
+            })
         };
         let trails = pool.install(|| run_tracks(&table, make, &count)).unwrap();
         assert!(trails.iter().zip(&table.targets).all(|(a, b)| a.target == b.target));

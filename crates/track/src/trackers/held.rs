@@ -154,7 +154,9 @@ impl<const N: usize, const M: usize, E: HeldEstimator<N, M>> Held<N, M, E> {
                     shown.seen[i] = true;
                 }
             }
-            if self.begin.options.skips_zero && rows.values.iter().flatten().all(|v| *v == 0.0) {
+            // What is shown, before a bias is taken from it.
+            let shows_zero = || step.packets.iter().flat_map(|p| p.content.values()).flatten().all(|v| v == 0.0);
+            if self.begin.options.skips_zero && shows_zero() {
                 shown = Shown::nothing();
             }
         }
