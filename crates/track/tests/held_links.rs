@@ -522,6 +522,9 @@ fn what_a_link_without_time_stamps_cannot_hold_is_refused_in_one_sentence() {
         fewer[7].pop();
         let error = tracked_among(&spec, &anchors(3), &fewer.concat()).expect_err("not what came at the first");
         assert!(error.contains("an instant has 2 values, expected 3 as at the first"), "{error}");
+        fewer[7].pop();
+        let error = tracked_among(&spec, &anchors(3), &fewer.concat()).expect_err("not what came at the first");
+        assert!(error.contains("an instant has 1 value, expected 3"), "{error}");
     }
 }
 

@@ -128,12 +128,14 @@ impl<const N: usize, const M: usize, E: HeldEstimator<N, M>> Held<N, M, E> {
         let count = rows.values.len();
         if count > M {
             return Err(StepError::Misfit(format!(
-                "an instant has {count} values, expected at most {M} on a link without time stamps"
+                "an instant has {}, expected at most {M} on a link without time stamps",
+                values(count)
             )));
         }
         if self.estimator.is_some() && count != self.count {
             return Err(StepError::Misfit(format!(
-                "an instant has {count} values, expected {} as at the first: a link without time stamps holds as many as come",
+                "an instant has {}, expected {} as at the first: a link without time stamps holds as many as come",
+                values(count),
                 self.count
             )));
         }
@@ -162,6 +164,10 @@ impl<const N: usize, const M: usize, E: HeldEstimator<N, M>> Held<N, M, E> {
         }
         Ok((sensed, shown))
     }
+}
+
+fn values(count: usize) -> String {
+    if count == 1 { "1 value".to_owned() } else { format!("{count} values") }
 }
 
 impl<const N: usize, const M: usize, E: HeldEstimator<N, M> + 'static> Tracker for Held<N, M, E> {
