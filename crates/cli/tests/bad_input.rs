@@ -42,6 +42,10 @@ fn linear(from: &str, to: &str) -> Vec<u8> {
 fn specs() -> Vec<Case> {
     let bad = |name, from: &str, to: &str, says| case(name, "spec.toml", spec(from, to), says);
     let linear_case = |name, from: &str, to: &str, says| case(name, "spec.toml", linear(from, to), says);
+    let link = |name, estimator: &str, link: &str, says| {
+        let estimator = if estimator.is_empty() { "ekf" } else { estimator };
+        case(name, "spec.toml", format!("{}[link]\n{link}\n", spec("\"ekf\"", &format!("\"{estimator}\""))), says)
+    };
     vec![
         bad("not TOML", "[model]", "[model", &["spec.toml:1"]),
         bad("unknown key", "axes = 2", "axis = 2", &["spec.toml", "axis", "axes"]),
@@ -63,7 +67,43 @@ fn specs() -> Vec<Case> {
         bad("lag beyond window", "\"ekf\"", "\"fms\"\nwindow = 5\nlag = 9", &["spec.toml", "lag", "9"]),
         bad("bias of an unknown anchor", "sd = 0.1", "sd = 0.1\nbias = { A9 = 0.1 }", &["spec.toml", "A9"]),
         bad("column nobody knows", "[estimator]", "[columns]\ntt = \"time\"\n[estimator]", &["spec.toml", "tt"]),
-        bad("link of the future", "[estimator]", "[link]\nstamped = false\n[estimator]", &["spec.toml", "stamped"]),
+        link("link with an unknown key", "", "late = 1", &["spec.toml:", "link.late"]),
+        link("negative lateness", "", "late_s = -1", &["spec.toml:", "link.late_s", "-1"]),
+        link(
+            "lateness without time stamps",
+            "",
+            "stamped = false\nlate_s = 1",
+            &["spec.toml:", "link.late_s", "stamped = true"],
+        ),
+        link("hold with time stamps", "", "hold = \"paper\"", &["spec.toml:", "link.hold", "stamped = false"]),
+        link("unknown hold", "", "stamped = false\nhold = \"last\"", &["spec.toml:", "link.hold", "last-received"]),
+        link("unknown duplicates", "", "duplicates = \"drop\"", &["spec.toml:", "link.duplicates", "drop", "detect"]),
+        link("arrival beyond 1", "", "stamped = false\narrival = 1.5", &["spec.toml:", "link.arrival", "1.5"]),
+        link("arrival in a list below 0", "", "arrival = [0.9, -0.1]", &["spec.toml:", "link.arrival[1]", "-0.1"]),
+        link("arrival of no entries", "", "arrival = []", &["spec.toml:", "link.arrival"]),
+        link("arrival by a word", "", "arrival = \"learn\"", &["spec.toml:", "link.arrival", "learn", "estimate"]),
+        link("arrival by no column", "", "arrival = { columns = \"p\" }", &["spec.toml:", "link.arrival", "column"]),
+        link(
+            "held estimator with time stamps",
+            "lmmse",
+            "",
+            &["spec.toml:", "estimator.kind", "lmmse", "stamped = false"],
+        ),
+        link("lmvf on ranges", "lmvf", "stamped = false", &["spec.toml:", "estimator.kind", "lmvf", "range", "gpb1"]),
+        link(
+            "emvf of no variant",
+            "emvf\"\nvariant = \"model3",
+            "stamped = false",
+            &["spec.toml:", "estimator.variant", "model3"],
+        ),
+        link(
+            "emvf with the last received",
+            "emvf",
+            "stamped = false\nhold = \"last-received\"",
+            &["spec.toml:", "link.hold", "emvf", "paper"],
+        ),
+        link("held estimator without a start", "gpb1", "stamped = false", &["spec.toml", "model.x0", "gpb1", "P0"]),
+        bad("S0 without x0", "axes = 2", "axes = 2\nS0 = [[1.0]]", &["spec.toml:", "model.S0", "x0"]),
         bad("version of the future", "[model]", "version = 2\n[model]", &["spec.toml", "version", "2"]),
         bad("missing anchors file", "[model]", "anchors = \"gone.csv\"\n[model]", &["gone.csv"]),
         linear_case("A not square", "A = [[1.0, 1.0], [0.0, 1.0]]", "A = [[1.0, 1.0]]", &["spec.toml", "model.A"]),
@@ -160,6 +200,39 @@ fn tables() -> Vec<Case> {
     ]
 }
 
+/// A held linear run whose table is `m.csv`.
+fn held(name: &'static str, arrival: &str, table: &str, says: &'static [&'static str]) -> Case {
+    let prior = "R = [[1.0]]\nx0 = [0, 0]\nP0 = [[1, 0], [0, 1]]";
+    let mut spec = linear("R = [[1.0]]", prior);
+    spec.extend(format!("[link]\nstamped = false\narrival = {arrival}\n").into_bytes());
+    Case { name, files: vec![("spec.toml", spec), ("m.csv", table.as_bytes().to_vec())], arguments: GOOD, says }
+}
+
+fn held_tables() -> Vec<Case> {
+    let column = "{ column = \"p\" }";
+    let untimed = format!("{SPEC}[link]\nstamped = false\n");
+    vec![
+        held("no arrival column", column, "k,z1\n0,1\n1,2\n", &["m.csv:1", "`p`", "link.arrival", "`k`, `z1`"]),
+        held("arrival beyond 1", column, "k,z1,p\n0,1,1\n1,2,1.5\n", &["m.csv:3", "`p`", "1.5", "from 0 to 1"]),
+        held("arrival below 0", column, "k,z1,p\n0,1,1\n1,2,-0.1\n", &["m.csv:3", "`p`", "-0.1", "from 0 to 1"]),
+        held("arrival by a word", column, "k,z1,p\n0,1,often\n1,2,1\n", &["m.csv:2", "`p`", "often"]),
+        held("no arrival in a row", column, "k,z1,p\n0,1,1\n1,2,\n", &["m.csv:3", "`p`", "empty"]),
+        held("half a sequence number", "0.9", "k,z1,seq\n0,1,0\n1,2,1.5\n", &["m.csv:3", "`seq`", "1.5"]),
+        Case {
+            name: "neither t nor received",
+            files: vec![("spec.toml", untimed.into_bytes()), ("m.csv", b"kind,anchor,value\nrange,A0,1\n".to_vec())],
+            arguments: GOOD,
+            says: &["m.csv:1", "`t`", "`received`"],
+        },
+        case(
+            "received but no t on a link with time stamps",
+            "m.csv",
+            "received,kind,anchor,value\n0,range,A0,1\n",
+            &["m.csv:1", "`t`"],
+        ),
+    ]
+}
+
 fn usages() -> Vec<Case> {
     vec![
         usage("no input", &["-c", "spec.toml", "gone.csv", "-o", "t.csv"], &["gone.csv"]),
@@ -198,7 +271,7 @@ fn usages() -> Vec<Case> {
 
 #[test]
 fn bad_input_is_one_sentence_with_exit_code_2_and_nothing_left_behind() {
-    let cases: Vec<Case> = specs().into_iter().chain(tables()).chain(usages()).collect();
+    let cases: Vec<Case> = specs().into_iter().chain(tables()).chain(held_tables()).chain(usages()).collect();
     assert!(cases.len() >= 40);
     let mut complaints = Vec::new();
     for case in &cases {

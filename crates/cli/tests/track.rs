@@ -183,3 +183,127 @@ fn reader_who_has_seen_enough_is_no_failure() {
     assert_eq!(output.status.code(), Some(0), "{err}");
     assert!(!err.contains("error") && !err.contains("panicked"), "{err}");
 }
+
+/// The walk with its rows in the order in which they came when each took up to `most_s`, and the numbers of the rows that are over
+/// `late_s` late by then.
+fn delayed(most_s: f64, late_s: f64) -> (String, Vec<usize>) {
+    let (table, _) = walk();
+    let mut lines = table.lines();
+    let header = lines.next().expect("a header");
+    let cell = |line: &str, i: usize| line.split(',').nth(i).expect("a cell").to_owned();
+    let t = |line: &str| -> f64 { cell(line, 0).parse().expect("a time") };
+    // A pattern with no mean and no period of the walk's stands for chance.
+    let mut rows: Vec<(f64, &str)> =
+        lines.enumerate().map(|(i, line)| (t(line) + most_s * (1.7 * i as f64).sin().abs(), line)).collect();
+    rows.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut newest = std::collections::HashMap::new();
+    let mut late = Vec::new();
+    for (i, (_, line)) in rows.iter().enumerate() {
+        let newest = newest.entry(cell(line, 1)).or_insert(f64::NEG_INFINITY);
+        if *newest - t(line) > late_s + 1e-6 {
+            late.push(i + 2);
+        }
+        *newest = newest.max(t(line));
+    }
+    let text: String = rows.iter().map(|(_, line)| format!("{line}\n")).collect();
+    (format!("{header}\n{text}"), late)
+}
+
+#[test]
+fn rows_at_most_late_s_late_give_the_bytes_of_rows_in_order() {
+    let folder = walk_folder();
+    folder.write("late.toml", format!("{SPEC}[link]\nlate_s = 1.0\n"));
+    let (table, late) = delayed(1.0, 1.0);
+    assert!(late.is_empty());
+    folder.write("late.csv", &table);
+    folder.run(&["track", "-c", "spec.toml", "m.csv", "-o", "a.csv", "--covariance"]).good();
+    let ran = folder.run(&["track", "-c", "late.toml", "late.csv", "-o", "b.csv", "--covariance", "--json"]).good();
+    assert_eq!(folder.read("a.csv"), folder.read("b.csv"));
+    assert!(!ran.err.contains("link:"), "{ran:?}");
+    let json = ran.json();
+    assert_eq!((&json["link"]["too_late"], &json["link"]["late_s"]), (&0.into(), &1.0.into()));
+    assert!(json["out_of_order"].as_u64().expect("a count") > 100, "{json}");
+}
+
+#[test]
+fn rows_beyond_late_s_are_counted_and_leave_the_bytes_of_the_table_without_them() {
+    let folder = walk_folder();
+    folder.write("late.toml", format!("{SPEC}[link]\nlate_s = 0.5\n"));
+    let (table, late) = delayed(1.0, 0.5);
+    let without: String =
+        (1..).zip(table.lines()).filter(|(i, _)| !late.contains(i)).map(|(_, l)| format!("{l}\n")).collect();
+    folder.write("late.csv", &table).write("without.csv", without);
+    folder.run(&["track", "-c", "spec.toml", "without.csv", "-o", "a.csv"]).good();
+    let ran = folder.run(&["track", "-c", "late.toml", "late.csv", "-o", "b.csv", "--json"]).good();
+    assert_eq!(folder.read("a.csv"), folder.read("b.csv"));
+    let said = format!("link: {} rows not used, over 0.5 s late (the first is row {})", late.len(), late[0]);
+    assert!(late.len() > 20 && ran.err.contains(&said), "{said}\n{ran:?}");
+    let link = &ran.json()["link"];
+    assert_eq!((&link["too_late"], &link["first_too_late_row"]), (&late.len().into(), &late[0].into()));
+    // A column with the time of reception goes before the order of the rows.
+    let mut lines = table.lines();
+    let received: String = lines.by_ref().skip(1).enumerate().map(|(i, l)| format!("{l},{}\n", 100 + i)).collect();
+    let mut sorted: Vec<&str> = received.lines().collect();
+    sorted.sort_unstable();
+    folder.write("received.csv", format!("t,target,kind,anchor,value,received\n{}\n", sorted.join("\n")));
+    folder.run(&["track", "-c", "late.toml", "received.csv", "-o", "c.csv"]).good();
+    assert_eq!(folder.read("a.csv"), folder.read("c.csv"));
+}
+
+const HELD: &str = "\
+[model]
+kind = \"linear\"
+A = [[1.0, 1.0], [0.0, 1.0]]
+C = [[1.0, 0.0]]
+Q = [[0.1, 0.0], [0.0, 0.1]]
+R = [[1.0]]
+x0 = [0.0, 0.0]
+P0 = [[1.0, 0.0], [0.0, 1.0]]
+
+[estimator]
+kind = \"lmmse\"
+
+[link]
+stamped = false
+hold = \"last-received\"
+duplicates = \"detect\"
+";
+
+#[test]
+fn what_a_link_without_time_stamps_found_is_reported() {
+    let folder = Folder::new();
+    folder.write("spec.toml", HELD);
+    let values = |y: &[f64]| -> String { y.iter().enumerate().map(|(k, y)| format!("{k},{y}\n")).collect() };
+    folder.write("m.csv", format!("k,z1\n{}", values(&[0.1, 1.2, 1.2, 1.2, 4.1, 5.3, 5.3, 7.2])));
+    let ran = folder.run(&["track", "-c", "spec.toml", "m.csv", "-o", "t.csv", "--json"]).good();
+    // Three of seven are lost, under a uniform prior: 5 of 9.
+    let said = "link: 3 repeated values counted as lost, arrival rate estimated as 0.556";
+    assert!(ran.err.contains(said) && !ran.err.contains("0.556 ("), "{ran:?}");
+    let link = &ran.json()["link"];
+    assert_eq!((&link["repeats"], &link["stale"]), (&3.into(), &0.into()));
+    let arrival = link["arrival"].as_f64().expect("a rate");
+    assert!((arrival - 5.0 / 9.0).abs() < 1e-3, "{link}");
+    // Two targets, one of which loses nothing; sequence numbers this time.
+    let numbered =
+        "target,k,z1,seq\nA,0,0.1,9\nA,1,1.2,10\nA,2,1.2,10\nA,3,3.3,12\nB,0,0.2,0\nB,1,1.1,1\nB,2,2.5,2\nB,3,3.4,3\n";
+    folder.write("n.csv", numbered);
+    let ran = folder.run(&["track", "-c", "spec.toml", "n.csv", "-o", "t.csv", "--json"]).good();
+    assert!(ran.err.contains("link: 1 old value by sequence number counted as lost"), "{ran:?}");
+    assert!(ran.err.contains("arrival rate estimated as 0.700 (0.600 to 0.800)"), "{ran:?}");
+    assert_eq!((&ran.json()["link"]["arrival_min"], &ran.json()["link"]["arrival_max"]), (&0.6.into(), &0.8.into()));
+}
+
+#[test]
+fn time_of_reception_stands_for_a_time_that_the_link_does_not_carry() {
+    let folder = Folder::new();
+    let spec = "[model]\nkind = \"constant-velocity\"\nnoise = 0.5\nx0 = [1, 2, 0, 0]\nP0 = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]\n\
+        [[sensor]]\nkind = \"position\"\nsd = 0.1\n[estimator]\nkind = \"gpb1\"\n[link]\nstamped = false\narrival = 0.9\n";
+    folder.write("spec.toml", spec);
+    let rows: String =
+        (0..20).map(|k| format!("{},{},{}\n", 0.5 * f64::from(k), 1.0 + 0.1 * f64::from(k), 2.0)).collect();
+    folder.write("received.csv", format!("received,x,y\n{rows}")).write("t.csv", format!("t,x,y\n{rows}"));
+    folder.run(&["track", "-c", "spec.toml", "received.csv", "-o", "a.csv"]).good();
+    folder.run(&["track", "-c", "spec.toml", "t.csv", "-o", "b.csv"]).good();
+    assert_eq!(folder.read("a.csv"), folder.read("b.csv"));
+    assert_eq!(folder.text("a.csv").lines().count(), 21);
+}

@@ -298,10 +298,10 @@ impl<const N: usize> Sensing<N> for Radios {
                 out.r.push(row.var);
             });
         }
-        // Independent noise: the variances become a diagonal.
+        // Independent noise: the variances become a diagonal, all but the first beyond where they stood.
         let q = out.r.len();
-        let vars = std::mem::take(&mut out.r);
-        out.r.extend((0..q * q).map(|e| if e / q == e % q { vars[e % q] } else { 0.0 }));
+        out.r.resize(q * q, 0.0);
+        (1..q).for_each(|i| out.r.swap(i, i * q + i));
     }
 }
 

@@ -119,6 +119,19 @@ impl Packet {
 }
 
 impl Content {
+    /// The measured numbers in order, absent where a component was not measured or lost.
+    pub fn values(&self) -> impl Iterator<Item = Option<f64>> + '_ {
+        let (several, one): (&[Option<f64>], Option<f64>) = match self {
+            Content::Linear { z, .. } => (z, None),
+            Content::Position(xyz) => (xyz, None),
+            Content::Range { value_m: value, .. }
+            | Content::Rssi { value_dbm: value, .. }
+            | Content::Tdoa { value_m: value, .. }
+            | Content::Bearing { value_rad: value, .. } => (&[], Some(*value)),
+        };
+        several.iter().copied().chain(one.map(Some))
+    }
+
     /// The anchor and the reference anchor, where there are any.
     pub fn anchors(&self) -> [Option<AnchorId>; 2] {
         match self {

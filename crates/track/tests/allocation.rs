@@ -7,9 +7,14 @@ mod support;
 use allocation_counter::measure;
 use fixtrail_track::anchors::Anchors;
 use fixtrail_track::fix::{Fix, Sink, Status};
+use fixtrail_track::link::Link;
+use fixtrail_track::mat::Mat;
 use fixtrail_track::packet::{Content, Kind, Packet};
 use fixtrail_track::registry::{BuildOptions, build};
-use fixtrail_track::spec::{Align, EstimatorSpec, KinematicSpec, ModelSpec, Robust, SensorSpec, Span, Spec};
+use fixtrail_track::spec::{
+    Align, ArrivalSpec, Duplicates, EmvfVariant, EstimatorSpec, Hold, KinematicSpec, LinkSpec, ModelSpec, Prior,
+    Receiver, Robust, SensorSpec, Span, Spec,
+};
 use fixtrail_track::tracker::Step;
 use fixtrail_track::trackers::LaggedMode;
 use nalgebra::DMatrix;
@@ -127,14 +132,9 @@ fn trackers_of_positions_do_not_allocate() {
     }
 }
 
-#[test]
-fn extended_kalman_and_newton_windows_on_ranges_do_not_allocate() {
-    let mut anchors = Anchors::default();
-    let sites = [[0.0, 0.0, 0.0], [30.0, 0.0, 0.0], [0.0, 30.0, 0.0]];
-    for (i, site) in sites.iter().enumerate() {
-        anchors.add(&format!("a{i}"), *site).unwrap();
-    }
-    let packets: Vec<Vec<Packet>> = (0..900)
+/// Ranges of a walk in a circle.
+fn ranges(sites: &[[f64; 3]]) -> Vec<Vec<Packet>> {
+    (0..900)
         .map(|k| {
             let t = 0.1 * k as f64;
             let (x, y) = (15.0 + 8.0 * (0.2 * t).sin(), 15.0 + 8.0 * (0.2 * t).cos());
@@ -143,8 +143,119 @@ fn extended_kalman_and_newton_windows_on_ranges_do_not_allocate() {
             };
             sites.iter().enumerate().map(range).collect()
         })
-        .collect();
+        .collect()
+}
+
+#[test]
+fn extended_kalman_and_newton_windows_on_ranges_do_not_allocate() {
+    let mut anchors = Anchors::default();
+    let sites = [[0.0, 0.0, 0.0], [30.0, 0.0, 0.0], [0.0, 30.0, 0.0]];
+    for (i, site) in sites.iter().enumerate() {
+        anchors.add(&format!("a{i}"), *site).unwrap();
+    }
+    let packets = ranges(&sites);
     for estimator in [EstimatorSpec::Ekf, fms(8, 3, Align::Filtered), fms(8, 3, Align::Predicted)] {
         assert_silent(&sensed(Kind::Range, estimator), &anchors, LaggedMode::Both, &packets);
+    }
+}
+
+fn held_estimators() -> Vec<EstimatorSpec> {
+    vec![
+        EstimatorSpec::Lmvf { square_root: false },
+        EstimatorSpec::Lmvf { square_root: true },
+        EstimatorSpec::Lmmse,
+        EstimatorSpec::Gpb1,
+        EstimatorSpec::Emvf { variant: EmvfVariant::Model2, range_mixture: true },
+        EstimatorSpec::Emvf { variant: EmvfVariant::Model1Skip, range_mixture: false },
+    ]
+}
+
+fn prior(n: usize) -> Option<Prior> {
+    Some(Prior { mean: vec![1.0; n], cov: Mat::identity(n), second_moment: None })
+}
+
+fn unstamped(arrival: ArrivalSpec) -> LinkSpec {
+    LinkSpec {
+        receiver: Receiver::Unstamped { hold: Hold::Paper },
+        arrival: Some(arrival),
+        duplicates: Duplicates::Detect,
+    }
+}
+
+#[test]
+fn trackers_of_held_values_do_not_allocate() {
+    // The noise of several values at an instant used to be a new list at every step.
+    let mut model = linear(&run(), Declared::Invariant);
+    model.prior = prior(2);
+    let mut anchors = Anchors::default();
+    let sites = [[0.0, 0.0, 0.0], [30.0, 0.0, 0.0], [0.0, 30.0, 0.0]];
+    sites.iter().enumerate().for_each(|(i, site)| assert!(anchors.add(&format!("a{i}"), *site).is_some()));
+    let ranges = ranges(&sites);
+    for estimator in held_estimators() {
+        let spec = Spec {
+            link: unstamped(ArrivalSpec::Constant(0.9)),
+            ..spec_of(ModelSpec::Linear(model.clone()), estimator)
+        };
+        assert_silent(&spec, &Anchors::default(), LaggedMode::Own, &linear_packets());
+        if !matches!(estimator, EstimatorSpec::Lmvf { .. }) {
+            let mut spec = Spec { link: unstamped(ArrivalSpec::Constant(0.9)), ..sensed(Kind::Range, estimator) };
+            if let ModelSpec::Kinematic(model) = &mut spec.model {
+                model.prior = prior(4);
+            }
+            assert_silent(&spec, &anchors, LaggedMode::Own, &ranges);
+        }
+    }
+}
+
+/// Sends packets through a link, the last of them with a count of the allocations.
+fn assert_silent_link(spec: &LinkSpec, packets: &[Vec<Packet>]) {
+    let mut link = Link::new(spec, true);
+    let mut steps = 0;
+    let mut run = |packets: Vec<Packet>| {
+        for packet in packets {
+            link.push(packet, |_| {
+                steps += 1;
+                Ok::<(), ()>(())
+            })
+            .expect("a good step");
+        }
+    };
+    // Copies, which the link takes, are made before.
+    let (warm, rest) = packets.split_at(300);
+    let (warm, rest): (Vec<Packet>, Vec<Packet>) = (warm.concat(), rest.concat());
+    run(warm);
+    let counted = measure(|| run(rest));
+    assert_eq!(counted.count_total, 0, "{spec:?}: {counted:?}");
+    assert!(steps >= packets.len() - 20, "{steps}");
+}
+
+#[test]
+fn links_do_not_allocate() {
+    // Where repeats were detected every packet used to be copied.
+    let stamped = |late_s| LinkSpec {
+        receiver: Receiver::Stamped { late_s },
+        arrival: Some(ArrivalSpec::Estimate),
+        duplicates: Duplicates::Detect,
+    };
+    let sites = [[0.0, 0.0, 0.0], [30.0, 0.0, 0.0], [0.0, 30.0, 0.0]];
+    let mut late = ranges(&sites);
+    // Three instants at a time come in reverse.
+    late.chunks_mut(3).for_each(<[Vec<Packet>]>::reverse);
+    let mut repeated = ranges(&sites);
+    for k in (2..900).step_by(3) {
+        repeated[k][1].content = repeated[k - 1][1].content.clone();
+    }
+    let linear: Vec<Vec<Packet>> = linear_packets();
+    for packets in [&late, &repeated, &linear] {
+        assert_silent_link(&stamped(Some(if packets == &linear { 3.0 } else { 0.3 })), packets);
+    }
+    for packets in [&repeated, &linear] {
+        assert_silent_link(&stamped(None), packets);
+        assert_silent_link(&unstamped(ArrivalSpec::Estimate), packets);
+        let numbered: Vec<Vec<Packet>> = (0..)
+            .zip(packets)
+            .map(|(k, packets)| packets.iter().map(|p| Packet { seq: Some(k), ..p.clone() }).collect())
+            .collect();
+        assert_silent_link(&unstamped(ArrivalSpec::Estimate), &numbered);
     }
 }

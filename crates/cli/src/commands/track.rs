@@ -1,5 +1,6 @@
 //! `fixtrail track`: measurements in, trail out.
 
+mod link;
 mod summary;
 
 use crate::data::{Data, DataArguments, SpecText, Wanted};

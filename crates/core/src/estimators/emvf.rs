@@ -91,7 +91,8 @@ impl<const N: usize, const M: usize> Emvf<N, M> {
         shown: &Shown<M>,
         arrival: f64,
     ) -> Result<Used<N, M>, StepError> {
-        let mut q = weights(arrival, self.arrival);
+        // Where nothing is shown nothing is used, whatever it would have been.
+        let mut q = if shown.count() == 0 { [1.0, 0.0, 0.0] } else { weights(arrival, self.arrival) };
         let last = &self.last;
         let mut parts = [Part::never(); 3];
         parts[0] = Part { q: q[0], g: sensed.h * leap.f, c: Vector::zeros() };

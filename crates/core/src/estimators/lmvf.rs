@@ -72,7 +72,8 @@ impl<const N: usize, const M: usize> Lmvf<N, M> {
         shown: &Shown<M>,
         arrival: f64,
     ) -> Result<Used<N, M>, StepError> {
-        let q = weights(arrival, self.arrival);
+        // Where nothing is shown nothing is used, whatever it would have been.
+        let q = if shown.count() == 0 { [1.0, 0.0, 0.0] } else { weights(arrival, self.arrival) };
         let drive = leap.next - leap.f * self.mean;
         let last = &self.last;
         let mut parts = [Part::never(); 3];

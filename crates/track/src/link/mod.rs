@@ -6,6 +6,7 @@
 mod order;
 mod reader;
 mod repeats;
+mod sequence;
 
 pub use order::{Order, Slot};
 pub use reader::Reader;

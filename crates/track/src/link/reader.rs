@@ -1,14 +1,15 @@
 //! Instants become steps: numbered, without gaps, and with what is new in them.
 
 use super::repeats::Repeats;
+use super::sequence::Sequence;
 use super::{LinkReport, Slot};
-use crate::packet::{Content, Packet};
-use crate::spec::{ArrivalSpec, Duplicates, LinkSpec, Receiver};
+use crate::packet::Packet;
+use crate::spec::{ArrivalSpec, Duplicates, Hold, LinkSpec, Receiver};
 use crate::tracker::Step;
 use fixtrail_core::arrival::{Counted, Repeated};
 
-/// A sequence number this far behind the newest belongs to a counter that began anew.
-const RESTART: i128 = 1000;
+/// Two sequence numbers this far apart have not lost what lies between: the counter began anew.
+const RESTART: u64 = 1000;
 
 /// What tells how often something arrives.
 #[derive(Clone, Debug)]
@@ -30,9 +31,13 @@ pub struct Reader {
     repeats: Repeats,
     /// Packets of an instant that are new, where not all are.
     new: Vec<Packet>,
-    /// Newest sequence number, less the number of the instant where there are no time stamps.
-    sequence: Option<i128>,
-    arrival: f64,
+    /// Sequence numbers of a link without time stamps.
+    sequence: Option<Sequence>,
+    /// Newest sequence number of a link with time stamps, and the instants since that are known to be lost.
+    newest: Option<u64>,
+    gap: u64,
+    /// The last probability that a column gave.
+    column: f64,
     rate: Rate,
     repeated: u64,
     stale: u64,
@@ -55,7 +60,9 @@ impl Reader {
             repeats: Repeats::default(),
             new: Vec::new(),
             sequence: None,
-            arrival: 1.0,
+            newest: None,
+            gap: 0,
+            column: 1.0,
             rate,
             repeated: 0,
             stale: 0,
@@ -88,8 +95,9 @@ impl Reader {
         while self.next_k < k {
             if let Rate::Counted(counted) = &mut self.rate {
                 counted.count(0, 1);
+                self.gap += 1;
             }
-            let arrival = self.given(&[]);
+            let arrival = self.given();
             hand_on(&Step { k: self.next_k, t_s: None, packets: &[], held: &[], arrival })?;
             self.next_k += 1;
         }
@@ -105,14 +113,21 @@ impl Reader {
         self.count_stamped(packets);
         let mut step = Step { k: self.next_k, t_s: Some(t_s), packets, held: packets, arrival: 1.0 };
         if self.spec.duplicates == Duplicates::Detect {
+            let mut all_new = true;
             self.new.clear();
-            for packet in packets {
+            for (i, packet) in packets.iter().enumerate() {
                 match self.repeats.again(Some(packet.source()), std::slice::from_ref(packet)) {
+                    true if all_new => {
+                        self.repeated += 1;
+                        self.new.extend_from_slice(&packets[..i]);
+                        all_new = false;
+                    }
                     true => self.repeated += 1,
+                    false if all_new => {}
                     false => self.new.push(packet.clone()),
                 }
             }
-            step.packets = &self.new;
+            step.packets = if all_new { packets } else { &self.new };
         }
         hand_on(&step)?;
         self.next_k += 1;
@@ -123,13 +138,16 @@ impl Reader {
     fn count_stamped(&mut self, packets: &[Packet]) {
         let Rate::Counted(counted) = &mut self.rate else { return };
         let heard = packets.iter().any(has_value);
-        let number = packets.iter().filter_map(|p| p.seq).max().map(i128::from);
-        let missing = match (number, self.sequence) {
-            (Some(now), Some(before)) if (1..RESTART).contains(&(now - before)) => now - before - 1,
+        let missing = match (newest_number(packets), self.newest) {
+            (Some(now), Some(before)) if now > before && now - before < RESTART => now - before - 1,
             _ => 0,
         };
-        self.sequence = number.or(self.sequence);
-        counted.count(u64::from(heard), missing as u64 + u64::from(!heard));
+        // Rows that are missing from a run are counted already.
+        counted.count(u64::from(heard), missing.saturating_sub(self.gap) + u64::from(!heard));
+        match newest_number(packets) {
+            None if !heard => self.gap += 1,
+            number => (self.newest, self.gap) = (number.or(self.newest), 0),
+        }
     }
 
     fn read_held<E>(
@@ -141,7 +159,8 @@ impl Reader {
         let k = self.next_k;
         let is_start = k == 0 && self.has_prior;
         let heard = packets.iter().any(has_value);
-        let mut arrival = self.given(packets);
+        self.column = packets.iter().find_map(|p| p.arrival).unwrap_or(self.column);
+        let mut arrival = self.given();
         let mut is_new = heard && !is_start;
         let again = self.repeats.again(None, packets);
         if let Some(fresh) = self.by_sequence(k, packets) {
@@ -154,25 +173,26 @@ impl Reader {
             if let (Rate::Repeated(repeated), true) = (&mut self.rate, heard && k > 0) {
                 repeated.observe(again);
             }
-            if again && self.spec.duplicates == Duplicates::Detect {
-                self.repeated += 1;
-                is_new = false;
+            match (self.spec.duplicates, self.spec.receiver) {
+                (Duplicates::Detect, _) if again => {
+                    self.repeated += 1;
+                    is_new = false;
+                }
+                // What is shown for ever until something comes changes only when something comes.
+                (Duplicates::Detect, Receiver::Unstamped { hold: Hold::LastReceived }) if heard => arrival = 1.0,
+                _ => {}
             }
         }
-        self.arrival = arrival;
         let packets_new = if is_new { packets } else { &[] };
         hand_on(&Step { k, t_s: Some(t_s), packets: packets_new, held: packets, arrival })?;
         self.next_k += 1;
         Ok(())
     }
 
-    /// Whether the value at instant `k` was sensed there, where sequence numbers tell: the newest value is as far ahead of k as any before.
+    /// Whether the value at instant `k` was sensed there, where sequence numbers tell.
     fn by_sequence(&mut self, k: u64, packets: &[Packet]) -> Option<bool> {
-        let number = packets.iter().filter_map(|p| p.seq).max()?;
-        let ahead = i128::from(number) - i128::from(k);
-        let newest = self.sequence.unwrap_or(ahead);
-        let fresh = ahead >= newest || ahead < newest - RESTART;
-        self.sequence = Some(if fresh { ahead } else { newest });
+        let number = newest_number(packets)?;
+        let fresh = self.sequence.get_or_insert(Sequence::start(k, number)).is_new(k, number);
         if let Rate::Repeated(_) = self.rate {
             self.rate = Rate::Counted(Counted::default());
         }
@@ -183,7 +203,7 @@ impl Reader {
     }
 
     /// p_k by the spec, or as far as it is learnt before this instant.
-    fn given(&self, packets: &[Packet]) -> f64 {
+    fn given(&self) -> f64 {
         if self.next_k == 0 {
             return 1.0;
         }
@@ -193,7 +213,7 @@ impl Reader {
                 let last = list.len() - 1;
                 list[usize::try_from(self.next_k).map_or(last, |k| k.min(last))]
             }
-            (Some(ArrivalSpec::Column(_)), _) => packets.iter().find_map(|p| p.arrival).unwrap_or(self.arrival),
+            (Some(ArrivalSpec::Column(_)), _) => self.column,
             (_, Rate::Counted(counted)) => counted.mean(),
             (_, Rate::Repeated(repeated)) => repeated.mean(),
             (_, Rate::Given) => 1.0,
@@ -211,8 +231,9 @@ impl Reader {
 }
 
 fn has_value(packet: &Packet) -> bool {
-    match &packet.content {
-        Content::Linear { z, .. } => z.iter().any(Option::is_some),
-        _ => true,
-    }
+    packet.content.values().any(|value| value.is_some())
+}
+
+fn newest_number(packets: &[Packet]) -> Option<u64> {
+    packets.iter().filter_map(|p| p.seq).max()
 }

@@ -32,17 +32,7 @@ impl Repeats {
 }
 
 fn bits(content: &Content, out: &mut Vec<u64>) {
-    let mut optional = |values: &[Option<f64>]| {
-        if values.iter().any(Option::is_some) {
-            out.extend(values.iter().map(|v| v.unwrap_or(f64::NAN).to_bits()));
-        }
-    };
-    match content {
-        Content::Linear { z, .. } => optional(z),
-        Content::Position(p) => optional(p),
-        Content::Range { value_m: v, .. }
-        | Content::Rssi { value_dbm: v, .. }
-        | Content::Tdoa { value_m: v, .. }
-        | Content::Bearing { value_rad: v, .. } => out.push(v.to_bits()),
+    if content.values().any(|value| value.is_some()) {
+        out.extend(content.values().map(|value| value.unwrap_or(f64::NAN).to_bits()));
     }
 }

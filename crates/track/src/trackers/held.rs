@@ -128,12 +128,14 @@ impl<const N: usize, const M: usize, E: HeldEstimator<N, M>> Held<N, M, E> {
         let count = rows.values.len();
         if count > M {
             return Err(StepError::Misfit(format!(
-                "an instant has {count} values, expected at most {M} on a link without time stamps"
+                "an instant has {}, expected at most {M} on a link without time stamps",
+                values(count)
             )));
         }
         if self.estimator.is_some() && count != self.count {
             return Err(StepError::Misfit(format!(
-                "an instant has {count} values, expected {} as at the first: a link without time stamps holds as many as come",
+                "an instant has {}, expected {} as at the first: a link without time stamps holds as many as come",
+                values(count),
                 self.count
             )));
         }
@@ -154,12 +156,18 @@ impl<const N: usize, const M: usize, E: HeldEstimator<N, M>> Held<N, M, E> {
                     shown.seen[i] = true;
                 }
             }
-            if self.begin.options.skips_zero && rows.values.iter().flatten().all(|v| *v == 0.0) {
+            // What is shown, before a bias is taken from it.
+            let shows_zero = || step.packets.iter().flat_map(|p| p.content.values()).flatten().all(|v| v == 0.0);
+            if self.begin.options.skips_zero && shows_zero() {
                 shown = Shown::nothing();
             }
         }
         Ok((sensed, shown))
     }
+}
+
+fn values(count: usize) -> String {
+    if count == 1 { "1 value".to_owned() } else { format!("{count} values") }
 }
 
 impl<const N: usize, const M: usize, E: HeldEstimator<N, M> + 'static> Tracker for Held<N, M, E> {

@@ -164,7 +164,7 @@ impl Run {
     }
 
     /// x̂ and P at every instant as a receiver knows them that is told when the paper's late values were sensed.
-    fn buffered(&self) -> Result<Vec<Vec<(&'static str, Vec<f64>)>>, BuildError> {
+    fn buffered(&self) -> Result<Vec<Quantities>, BuildError> {
         let fail = |e: StepError| BuildError::new("vectors", None, Some("kf_buffer_paper_channel"), e.to_string());
         let link = LinkSpec { receiver: Receiver::Stamped { late_s: Some(3.0) }, ..LinkSpec::default() };
         let spec = self.shown.spec(EstimatorSpec::Kalman, link);
@@ -193,12 +193,15 @@ impl Run {
     }
 }
 
-fn estimate(trail: &Trail, row: usize) -> Vec<(&'static str, Vec<f64>)> {
+/// Numbers by their names.
+type Quantities = Vec<(&'static str, Vec<f64>)>;
+
+fn estimate(trail: &Trail, row: usize) -> Quantities {
     let mean = trail.mean(row).map(<[f64]>::to_vec).unwrap_or_default();
     vec![("xhat", mean), ("P", unpacked(trail, row).unwrap_or_default())]
 }
 
-fn estimates(trail: &Trail) -> Vec<Vec<(&'static str, Vec<f64>)>> {
+fn estimates(trail: &Trail) -> Vec<Quantities> {
     (1..trail.len()).map(|row| estimate(trail, row)).collect()
 }
 
@@ -228,7 +231,7 @@ pub(super) fn linear(root: &Json<'_>) -> Result<Vec<Quantity>, BuildError> {
     Ok(out)
 }
 
-type Steps = Vec<Vec<(&'static str, Vec<f64>)>>;
+type Steps = Vec<Quantities>;
 
 /// What the filters form on the way, from the core.
 fn inside(run: &Run) -> Result<(Steps, Steps), BuildError> {

@@ -121,3 +121,23 @@ impl Tally {
         assert_eq!(trail.mean(row).is_none(), trail.status[row] == Status::Unobservable);
     }
 }
+
+/// Everything that a trail says, number by number.
+pub fn bits(trail: &Trail) -> Vec<Vec<u64>> {
+    let float = |v: Option<f64>| v.map_or(u64::MAX, f64::to_bits);
+    let estimate = |pair: Option<(&[f64], &[f64])>| -> Vec<u64> {
+        pair.map_or(Vec::new(), |(mean, cov)| mean.iter().chain(cov).map(|v| v.to_bits()).collect())
+    };
+    let row = |row: usize| {
+        let mut out = vec![trail.k[row], float(trail.t_s[row]), trail.status[row] as u64];
+        out.extend([float(trail.nis[row]), u64::from(trail.nis_dof[row])]);
+        out.extend(estimate(trail.mean(row).zip(trail.cov(row))));
+        if let Some(lagged) = &trail.lagged {
+            out.extend([lagged.k[row].unwrap_or(u64::MAX), float(lagged.t_s[row])]);
+            out.push(lagged.status[row].map_or(u64::MAX, |s| s as u64));
+            out.extend(estimate(trail.lagged(row)));
+        }
+        out
+    };
+    (0..trail.len()).map(row).collect()
+}

@@ -1,5 +1,6 @@
 //! What a run did, for people and for programs.
 
+use super::link::LinkSummary;
 use super::{Arguments, Outcome};
 use crate::data::SpecText;
 use crate::figures::{counted, grouped, short};
@@ -30,6 +31,10 @@ impl Summary<'_> {
 
     fn fixes(&self) -> u64 {
         self.outcome.trails.iter().map(|t| t.trail.len() as u64).sum()
+    }
+
+    fn link(&self) -> LinkSummary {
+        LinkSummary::of(&self.spec.spec, &self.outcome.trails)
     }
 
     fn rows_per_s(&self) -> Option<f64> {
@@ -66,6 +71,7 @@ impl Summary<'_> {
         if !counts.ignored_columns.is_empty() {
             lines.push(format!("columns not used: {}", counts.ignored_columns.join(", ")));
         }
+        lines.extend(self.link().text());
         // Findings that spoil the trail; `check` tells the rest.
         for finding in self.survey.iter().flat_map(|s| &s.findings).filter(|f| f.severity == Severity::Problem) {
             lines.push(format!("{}: {}", finding.severity.name(), finding.text));
@@ -124,6 +130,7 @@ impl Summary<'_> {
             "first_bad_row": counts.first_bad,
             "ignored_columns": counts.ignored_columns,
             "unused_kinds": self.unused,
+            "link": self.link().json(),
             "fixes": fixes,
             "origin": self.table.origin.as_ref().map(|o| json!({ "lat": o.lat_deg, "lon": o.lon_deg, "alt": o.alt_m })),
             "seconds": self.outcome.seconds,
