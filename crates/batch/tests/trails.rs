@@ -35,7 +35,7 @@ fn planar(target: &str, times: &[f64]) -> TargetTrail {
         let mean = [HARD[k % 6], *t, HARD[(k + 1) % 6], -0.5];
         push(&mut trail, k as u64, Some(*t), (k != 1).then_some(&mean), None);
     }
-    TargetTrail { target: Some(target.to_owned()), trail }
+    TargetTrail { target: Some(target.to_owned()), trail, link: Default::default() }
 }
 
 fn options(path: &Path, covariance: bool) -> WriteOptions {
@@ -98,7 +98,7 @@ fn smoother_columns_stand_beside_the_filters() {
     );
     let lost = Lagged { k: 1, t_s: Some(0.5), estimate: None, status: Status::Unobservable };
     push(&mut trail, 2, Some(1.0), None, Some(lost));
-    let trail = TargetTrail { target: Some("a".to_owned()), trail };
+    let trail = TargetTrail { target: Some("a".to_owned()), trail, link: Default::default() };
     let csv = text("out.csv", std::slice::from_ref(&trail), &layout, &META, true);
     let lines: Vec<&str> = csv.lines().collect();
     assert_eq!(
@@ -122,7 +122,7 @@ fn linear_csv_counts_instants() {
     let mut trail = Trail::new(1, false);
     push(&mut trail, 0, Some(0.0), Some(&[1.5]), None);
     push(&mut trail, 1, None, Some(&[2.5]), None);
-    let trails = [TargetTrail { target: None, trail }];
+    let trails = [TargetTrail { target: None, trail, link: Default::default() }];
     let meta = TableMeta { time: TimeForm::Index, origin: None, has_target: false };
     let third = "0.3333333333333333";
     let csv = text("out.csv", &trails, &Layout::linear(1), &meta, false);
@@ -181,7 +181,7 @@ fn degrees_and_dates_come_back_as_they_came() {
     let at = geo::enu_from_wgs84(&ORIGIN, 47.6, 8.7, 400.0);
     push(&mut trail, 0, Some(1.25), Some(&at[..2]), None);
     push(&mut trail, 1, Some(2.0), None, None);
-    let trails = [TargetTrail { target: Some("a".to_owned()), trail }];
+    let trails = [TargetTrail { target: Some("a".to_owned()), trail, link: Default::default() }];
     let time = TimeForm::Rfc3339 { epoch_unix_s: 1_740_830_398, offset_s: 0 };
     let meta = TableMeta { time, origin: Some(ORIGIN), has_target: true };
     let layout = Layout::kinematic(1, 2, &[]);
@@ -219,8 +219,9 @@ fn geojson_breaks_where_there_is_no_estimate() {
             push(&mut t, 0, Some(0.0), None, None);
             t
         },
+        link: Default::default(),
     };
-    let trails = [short, TargetTrail { target: Some("a".to_owned()), trail }];
+    let trails = [short, TargetTrail { target: Some("a".to_owned()), trail, link: Default::default() }];
     let json: Value =
         serde_json::from_str(&text("out.geojson", &trails, &Layout::kinematic(1, 3, &[]), &meta, false)).unwrap();
     assert_eq!(json["type"], "FeatureCollection");

@@ -5,7 +5,7 @@ mod support;
 use fixtrail_track::anchors::Anchors;
 use fixtrail_track::link::LinkReport;
 use fixtrail_track::packet::{Content, Kind, Packet};
-use fixtrail_track::pipeline::{Pipeline, track};
+use fixtrail_track::pipeline::{Pipeline, Until, track};
 use fixtrail_track::registry::layout;
 use fixtrail_track::spec::{
     Align, EstimatorSpec, KinematicSpec, LinkSpec, ModelSpec, Receiver, Robust, SensorSpec, Span, Spec,
@@ -264,7 +264,7 @@ fn what_is_told_now_is_what_a_fresh_run_on_the_data_so_far_says() {
         for (i, packet) in arriving.iter().enumerate() {
             pipeline.push(packet.clone(), &mut settled).expect("a good step");
             let mut told = settled.clone();
-            pipeline.now(None, &mut told).expect("a good step");
+            pipeline.now(Until::Newest, &mut told).expect("a good step");
             let (used, ..) = sorted_out(&arriving[..=i], late_s);
             let (mut fresh, mut expected) = (case.pipeline(None), case.trail());
             for packet in used {
@@ -272,7 +272,7 @@ fn what_is_told_now_is_what_a_fresh_run_on_the_data_so_far_says() {
             }
             match has_tail {
                 // A smoother owes fixes that only the end of the run makes due.
-                true => fresh.now(None, &mut expected).expect("a good step"),
+                true => fresh.now(Until::Newest, &mut expected).expect("a good step"),
                 false => fresh.finish(&mut expected).expect("a good end"),
             }
             assert!(bits(&told) == bits(&expected), "{what}, packet {i}");
@@ -292,13 +292,13 @@ fn what_is_told_until_an_instant_without_data_is_what_lost_rows_give() {
         for packet in shuffled(&mut rng, &case.packets, 3.0, 0.0) {
             pipeline.push(packet, &mut told).expect("a good step");
         }
-        pipeline.now(Some(23), &mut told).expect("a good step");
+        pipeline.now(Until::Row(23), &mut told).expect("a good step");
         case.packets.push(packet(23, &[None, None], &[0.0, 0.0]));
         let (mut fresh, mut expected) = (case.pipeline(None), case.trail());
         for packet in &case.packets {
             fresh.push(packet.clone(), &mut expected).expect("a good step");
         }
-        fresh.now(None, &mut expected).expect("a good step");
+        fresh.now(Until::Newest, &mut expected).expect("a good step");
         // The last row has a time, the gap before it has none: a linear run by its index has no use for either.
         told.t_s.fill(None);
         expected.t_s.fill(None);

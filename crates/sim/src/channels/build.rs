@@ -59,7 +59,7 @@ impl Variant {
             (LossSpec::GilbertElliott { mean_burst, .. }, _) => {
                 Box::new(GilbertElliott::new(self.loss_rate, *mean_burst)?)
             }
-            (LossSpec::Trace { .. }, Some(trace)) => Box::new(trace.from_part(part, parts)),
+            (LossSpec::Trace { .. }, Some(trace)) => Box::new(trace.starting_at_part(part, parts)),
             _ => Box::new(Bernoulli::new(self.loss_rate)?),
         };
         if !self.spec.delays.is_empty() {

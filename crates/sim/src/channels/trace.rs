@@ -37,7 +37,7 @@ impl Trace {
     }
 
     /// The same trace from the beginning of its `part`-th of `parts` equal parts on.
-    pub(super) fn from_part(&self, part: usize, parts: usize) -> Trace {
+    pub(super) fn starting_at_part(&self, part: usize, parts: usize) -> Trace {
         let len = self.packets.len();
         Trace { packets: self.packets.clone(), next: part % parts * len / parts % len }
     }
