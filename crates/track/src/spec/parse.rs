@@ -3,12 +3,11 @@
 use super::linear::Sources;
 use super::matrix::{MAX_INPUT, MAX_MEASUREMENT};
 use super::names::{list, suggestion};
-use super::value::{Field, Lines, Node, Table};
+use super::value::{Field, Node, Table};
 use super::{LinkSpec, Spec, estimator, link, model, sensor};
 use crate::error::BuildError;
 use std::collections::BTreeMap;
 use std::path::Path;
-use toml::de::DeTable;
 
 /// The checked spec in `text`, the content of `file`.
 ///
@@ -22,12 +21,7 @@ pub fn parse(
     file: &Path,
     read: &mut dyn FnMut(&Path) -> std::io::Result<Vec<u8>>,
 ) -> Result<Spec, BuildError> {
-    let lines = Lines::of(text);
-    let document = DeTable::parse(text).map_err(|e| {
-        let line = e.span().map(|span| lines.line(span.start));
-        BuildError::new(file, line, None, format!("is no TOML: {}", e.message()))
-    })?;
-    let node = Node::from_toml(document.get_ref(), &lines);
+    let node = Node::of_toml(text, file)?;
     spec(&node.field(file, "").table("a spec")?, read)
 }
 

@@ -19,13 +19,12 @@
 use super::link;
 use super::matrix::{Definite, MAX_STATE, covariance};
 use super::names::{CHANNELS, Named, choose};
-use super::value::{Field, Lines, Node, Table};
+use super::value::{Field, Node, Table};
 use super::{LinkSpec, Robust, SensorSpec, Spec, estimator, model, sensor};
 use crate::error::BuildError;
 use crate::packet::Kind;
 use std::collections::BTreeMap;
 use std::path::Path;
-use toml::de::DeTable;
 
 /// Most runs, steps and sensors of a scenario.
 const MOST: usize = 10_000_000;
@@ -192,12 +191,7 @@ pub fn parse_scenario(
     file: &Path,
     read: &mut dyn FnMut(&Path) -> std::io::Result<Vec<u8>>,
 ) -> Result<Scenario, BuildError> {
-    let lines = Lines::of(text);
-    let document = DeTable::parse(text).map_err(|e| {
-        let line = e.span().map(|span| lines.line(span.start));
-        BuildError::new(file, line, None, format!("is no TOML: {}", e.message()))
-    })?;
-    let node = Node::from_toml(document.get_ref(), &lines);
+    let node = Node::of_toml(text, file)?;
     let root = node.field(file, "").table("a scenario")?;
     root.only(
         "a scenario",

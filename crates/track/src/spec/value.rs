@@ -33,23 +33,28 @@ struct Entry {
 }
 
 /// Offsets at which the lines of a text begin.
-pub(super) struct Lines(Vec<usize>);
+struct Lines(Vec<usize>);
 
 impl Lines {
-    pub(super) fn of(text: &str) -> Lines {
+    fn of(text: &str) -> Lines {
         Lines(core::iter::once(0).chain(text.match_indices('\n').map(|(i, _)| i + 1)).collect())
     }
 
     /// Line, from 1, of the byte at `offset`.
-    pub(super) fn line(&self, offset: usize) -> u64 {
+    fn line(&self, offset: usize) -> u64 {
         self.0.partition_point(|&start| start <= offset) as u64
     }
 }
 
 impl Node {
-    /// The tables of a TOML document, entries in order of their lines.
-    pub(super) fn from_toml(root: &DeTable<'_>, lines: &Lines) -> Node {
-        Node { line: None, value: toml_table(root, lines) }
+    /// The tables of a TOML document, the content of `file`, entries in order of their lines.
+    pub(super) fn of_toml(text: &str, file: &Path) -> Result<Node, BuildError> {
+        let lines = Lines::of(text);
+        let document = DeTable::parse(text).map_err(|e| {
+            let line = e.span().map(|span| lines.line(span.start));
+            BuildError::new(file, line, None, format!("is no TOML: {}", e.message()))
+        })?;
+        Ok(Node { line: None, value: toml_table(document.get_ref(), &lines) })
     }
 
     /// An object of one line of NDJSON.
