@@ -199,19 +199,14 @@ fn estimator<const N: usize>(
     })
 }
 
-/// An estimator for a link without time stamps, with room for as many values as an instant has: 1, 2 or [`MAX_HELD`].
+/// An estimator for a link without time stamps, with room for 2 values or for [`MAX_HELD`]: each size is compiled for every size of state.
 fn held<const N: usize>(spec: &Spec, model: Model<N>) -> Result<Box<dyn Tracker>, BuildError> {
-    let least = match &spec.model {
-        ModelSpec::Linear(l) => l.base.c.rows,
-        _ if spec.sensors.iter().all(|s| s.kind == Kind::Range) => 1,
-        _ => model.layout.axes,
+    let few = match &spec.model {
+        ModelSpec::Linear(l) => l.base.c.rows <= 2,
+        // How many ranges come together is known from the data alone.
+        _ => model.layout.axes <= 2 && spec.sensors.len() == 1 && spec.sensors[0].kind == Kind::Position,
     };
-    // How many ranges come together is known from the data alone.
-    match least {
-        1 if matches!(spec.model, ModelSpec::Linear(_)) || model.layout.axes == 1 => held_sized::<N, 1>(spec, model),
-        2 if spec.sensors.len() < 2 => held_sized::<N, 2>(spec, model),
-        _ => held_sized::<N, MAX_HELD>(spec, model),
-    }
+    if few { held_sized::<N, 2>(spec, model) } else { held_sized::<N, MAX_HELD>(spec, model) }
 }
 
 fn held_sized<const N: usize, const M: usize>(spec: &Spec, model: Model<N>) -> Result<Box<dyn Tracker>, BuildError> {
