@@ -242,7 +242,7 @@ impl<const N: usize> ScaledSvd<N> {
 }
 
 /// One-sided Jacobi: rotates the columns of `m` until they are orthogonal. Small singular values keep their relative accuracy.
-fn one_sided_jacobi<const N: usize>(mut m: Matrix<N, N>) -> (Vector<N>, Matrix<N, N>, Matrix<N, N>) {
+pub(crate) fn one_sided_jacobi<const N: usize>(mut m: Matrix<N, N>) -> (Vector<N>, Matrix<N, N>, Matrix<N, N>) {
     let mut v = Matrix::<N, N>::identity();
     // 12 sweeps are twice what N = 12 needs; convergence is quadratic.
     for _ in 0..12 {
