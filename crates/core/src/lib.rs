@@ -8,6 +8,7 @@ pub mod arrival;
 pub mod estimators;
 pub mod linalg;
 pub mod models;
+pub mod position;
 pub mod riccati;
 pub mod sensors;
 pub mod storage;

@@ -38,6 +38,35 @@ pub fn whiten<const N: usize>(rows: &mut [Row<N>], r: &mut [f64]) -> bool {
     true
 }
 
+/// Makes rows independent whose noises have a part in common, one after the other: covariance `diag(own) + common 1 1ᵀ`.
+///
+/// Each row is replaced by what it says beyond the rows before it, which is [`whiten`] for this covariance in a number of operations
+/// and in room that do not grow with the rows. The state is the mean of the common part given the rows so far, as a row, and its variance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Common<const N: usize> {
+    h: Vector<N>,
+    residual: f64,
+    var: f64,
+}
+
+impl<const N: usize> Common<N> {
+    /// Before the first row; `var` is the variance of the common part, not negative.
+    pub fn new(var: f64) -> Self {
+        Self { h: Vector::zeros(), residual: 0.0, var }
+    }
+
+    /// Returns the row that is independent of those before; `own.var` is the variance of the row's own part, positive.
+    pub fn next(&mut self, own: &Row<N>) -> Row<N> {
+        let var = self.var + own.var;
+        let row = Row { h: own.h - self.h, residual: own.residual - self.residual, var };
+        let gain = self.var / var;
+        self.h += row.h * gain;
+        self.residual += row.residual * gain;
+        self.var = own.var * gain;
+        row
+    }
+}
+
 /// Replaces more than `N` rows by at most `N` rows of unit variance that say the same of the state. Returns how many are left at the
 /// front of `rows`, and the residual sum of squares that no state explains.
 pub fn compress<const N: usize>(rows: &mut [Row<N>]) -> (usize, f64) {
@@ -213,7 +242,7 @@ impl<const N: usize> ScaledSvd<N> {
 }
 
 /// One-sided Jacobi: rotates the columns of `m` until they are orthogonal. Small singular values keep their relative accuracy.
-fn one_sided_jacobi<const N: usize>(mut m: Matrix<N, N>) -> (Vector<N>, Matrix<N, N>, Matrix<N, N>) {
+pub(crate) fn one_sided_jacobi<const N: usize>(mut m: Matrix<N, N>) -> (Vector<N>, Matrix<N, N>, Matrix<N, N>) {
     let mut v = Matrix::<N, N>::identity();
     // 12 sweeps are twice what N = 12 needs; convergence is quadratic.
     for _ in 0..12 {

@@ -44,8 +44,66 @@ fn kalman_family_vectors_pass() {
 }
 
 #[test]
+fn position_vectors_pass() {
+    for kind in ["lateration", "tdoa", "rss_ml", "rss_to_range"] {
+        assert_passes(&vectors("fosb", kind), 1);
+    }
+}
+
+/// The text of a file with the first `from` after `after` replaced.
+fn altered(file: &std::path::Path, after: &str, from: &str, to: &str) -> String {
+    let text = std::fs::read_to_string(file).unwrap();
+    let at = text.find(after).unwrap_or_else(|| panic!("{after}"));
+    format!("{}{}", &text[..at], text[at..].replacen(from, to, 1))
+}
+
+#[test]
+fn a_wrong_number_in_position_vectors_is_found() {
+    for (kind, after, from, to, quantity) in [
+        ("lateration", "\"box2\"", "1.983415506455496", "1.98341560645", "linear"),
+        ("lateration", "\"box2\"", "7.258691390296573", "7.25869149029", "gauss_newton.p"),
+        ("lateration", "\"box2\"", "0.059876439569595145", "0.05987644156", "gauss_newton.cov"),
+        ("lateration", "\"box2\"", "0.6006857223672697", "0.6006857423", "gauss_newton.chi2"),
+        ("lateration", "\"box2\"", "\"unique\"", "\"mirror\"", "status"),
+        (
+            "lateration",
+            "\"two2_gap\"",
+            "null",
+            "{\"p\": [1, 2], \"cov\": [[1, 0], [0, 1]], \"chi2\": 0}",
+            "gauss_newton.p",
+        ),
+        ("tdoa", "linear_p_r0", "1.7486882625708653", "1.7486885625", "linear_p_r0"),
+        ("tdoa", "gauss_newton", "0.5113500197565922", "0.5113500297", "gauss_newton.chi2"),
+        ("rss_ml", "known_p0", "16.834207474303906", "16.83420774", "known_p0.p"),
+        ("rss_ml", "unknown_p0", "1.1030152116224519", "1.1030152316", "unknown_p0.cov"),
+        ("rss_to_range", "expected", "77.50702750761309", "77.5070275078", "var_mean_unbiased"),
+    ] {
+        let file = &vectors("fosb", kind)[0];
+        let verdict = verify(&altered(file, after, from, to), file).unwrap();
+        let failed: Vec<&str> = verdict.quantities.iter().filter(|q| !q.passed()).map(|q| q.name.as_str()).collect();
+        assert_eq!(failed, [quantity], "{kind}: {from} as {to}");
+    }
+}
+
+#[test]
+fn position_vectors_that_lack_something_say_what() {
+    for (kind, after, from, to, says) in [
+        ("lateration", "cases", "\"dim\": 2", "\"dim\": 4", ["cases[0].inputs.dim", "expected 2 or 3"]),
+        ("lateration", "range_var", "0.134,", "", ["cases[0].inputs.range_var", "3 entries, expected 4"]),
+        ("lateration", "range_var", "0.134", "-0.134", ["cases[0].inputs.range_var[0]", "positive"]),
+        ("tdoa", "cases", "tdoa_range_diff", "differences", ["cases[0].inputs", "lacks `tdoa_range_diff`"]),
+        ("rss_ml", "cases", "\"n\": 2.89", "\"n\": null", ["cases[0].inputs", "lacks `n`"]),
+        ("rss_to_range", "cases", "\"kappa\"", "\"k\"", ["cases[0].expected", "lacks `kappa`"]),
+    ] {
+        let file = &vectors("fosb", kind)[0];
+        let error = verify(&altered(file, after, from, to), file).unwrap_err().to_string();
+        assert!(says.iter().all(|part| error.contains(part)), "{kind}: {error}");
+    }
+}
+
+#[test]
 fn vectors_of_an_unknown_kind_are_refused_by_name() {
-    for file in vectors("fosb", "lateration") {
+    for file in vectors("fosb", "steady_state") {
         let error = verify(&std::fs::read_to_string(&file).unwrap(), &file).unwrap_err().to_string();
         assert!(error.contains("is not understood"), "{error}");
     }

@@ -23,6 +23,17 @@ pub fn range<const N: usize>(
     value_m: f64,
     var: f64,
 ) -> Row<N> {
+    let (distance_m, h) = distance(x, axes, anchor_m, height_m);
+    Row { h, residual: value_m - distance_m, var }
+}
+
+/// The distance to an anchor and its gradient, as [`range`] explains them.
+pub(super) fn distance<const N: usize>(
+    x: &Vector<N>,
+    axes: usize,
+    anchor_m: [f64; 3],
+    height_m: Option<f64>,
+) -> (f64, Vector<N>) {
     let mut h = Vector::zeros();
     let mut square = match height_m {
         Some(height) if axes < 3 => (anchor_m[2] - height) * (anchor_m[2] - height),
@@ -34,5 +45,5 @@ pub fn range<const N: usize>(
     }
     let distance_m = libm::sqrt(square);
     let h = if distance_m < TOUCHING_M { Vector::zeros() } else { h / distance_m };
-    Row { h, residual: value_m - distance_m, var }
+    (distance_m, h)
 }

@@ -4,6 +4,7 @@ mod fms;
 mod json;
 mod kf;
 mod mvf;
+mod position;
 mod run;
 
 use crate::error::BuildError;
@@ -66,6 +67,18 @@ pub fn verify(text: &str, file: &Path) -> Result<FileVerdict, BuildError> {
         (_, Some(schema), Some(kind)) if schema == "fosb-golden/1" && kind == "kf4" => {
             (format!("{schema} {kind}"), kf::four_state(&root)?)
         }
+        (_, Some(schema), Some(kind)) if schema == "fosb-golden/1" && kind == "lateration" => {
+            (format!("{schema} {kind}"), position::laterations(&root)?)
+        }
+        (_, Some(schema), Some(kind)) if schema == "fosb-golden/1" && kind == "tdoa" => {
+            (format!("{schema} {kind}"), position::time_differences(&root)?)
+        }
+        (_, Some(schema), Some(kind)) if schema == "fosb-golden/1" && kind == "rss_ml" => {
+            (format!("{schema} {kind}"), position::likelihoods(&root)?)
+        }
+        (_, Some(schema), Some(kind)) if schema == "fosb-golden/1" && kind == "rss_to_range" => {
+            (format!("{schema} {kind}"), position::distances(&root)?)
+        }
         (_, None, Some(kind)) if kind == "linear" => (format!("mvf {kind}"), mvf::linear(&root)?),
         (_, None, Some(kind)) if kind == "emvf" => (format!("mvf {kind}"), mvf::extended(&root)?),
         (_, None, Some(kind)) if kind == "ct" => (format!("mvf {kind}"), mvf::turn(&root)?),
@@ -79,8 +92,8 @@ pub fn verify(text: &str, file: &Path) -> Result<FileVerdict, BuildError> {
                 named => format!("{} is not understood", named.join(", ")),
             };
             let what = format!(
-                "{found}, expected format `fms-golden-1`, schema `fosb-golden/1` of kind `kf2_rts_lag1` or `kf4`, or kind `linear`, `emvf` \
-                 or `ct`"
+                "{found}, expected format `fms-golden-1`, schema `fosb-golden/1` of kind `kf2_rts_lag1`, `kf4`, `lateration`, `tdoa`, \
+                 `rss_ml` or `rss_to_range`, or kind `linear`, `emvf` or `ct`"
             );
             return Err(BuildError::new(file, None, None, what));
         }
