@@ -53,7 +53,7 @@ fn specs() -> Vec<Case> {
         bad("unknown model", "constant-velocity", "constant-speed", &["spec.toml", "model.kind", "constant-speed"]),
         bad("unknown estimator", "\"ekf\"", "\"ekff\"", &["spec.toml", "estimator.kind", "ekff", "`ekf`"]),
         bad("estimator of the future", "\"ekf\"", "\"imm\"", &["spec.toml", "imm", "not available yet"]),
-        bad("sensor of the future", "\"range\"", "\"rssi\"", &["spec.toml", "rssi", "not available yet"]),
+        bad("strengths without a law", "\"range\"", "\"rssi\"", &["spec.toml", "path_loss", "is missing"]),
         bad("no noise", "noise = 0.5\n", "", &["spec.toml", "noise"]),
         bad("negative noise", "noise = 0.5", "noise = -0.5", &["spec.toml", "model.noise", "-0.5"]),
         bad("NaN", "noise = 0.5", "noise = nan", &["spec.toml", "model.noise", "nan"]),

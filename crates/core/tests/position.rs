@@ -90,6 +90,24 @@ fn exact_data_give_the_exact_position() {
 }
 
 #[test]
+fn linear_stages_take_a_known_height_as_stated() {
+    let p = Vector::from([4.0, 6.0]);
+    let linear = lateration::linear::<2>(&ranges(&p, &BOX, Some(1.2), 0.1), Some(1.2), Rank::EXACT);
+    // Rounding of squares of 400 m² over twice the layout's half-width of 8 m is below 1e-13.
+    assert!(matches!(linear, Linear::Unique(q) if (q - p).amax() < 1e-11), "{linear:?}");
+    let data = Differences {
+        reference_m: BOX[0],
+        reference_var_m2: 0.02,
+        differences: &differences(&p, &BOX, Some(1.2)),
+        height_m: Some(1.2),
+    };
+    let reference_m = distance(&p, BOX[0], Some(1.2));
+    let tdoa::Linear::Unique { position_m, reference_range_m } = tdoa::linear::<2>(&data) else { panic!("{data:?}") };
+    // The same, diluted tenfold by the unknown distance.
+    assert!((position_m - p).amax() < 1e-10 && (reference_range_m - reference_m).abs() < 1e-10, "{position_m:?}");
+}
+
+#[test]
 fn time_differences_in_space_give_the_exact_position() {
     let anchors =
         [[0.0, 0.0, 9.0], [20.0, 0.0, 0.0], [20.0, 15.0, 8.0], [0.0, 15.0, 1.0], [9.0, 16.0, 5.5], [8.0, -4.0, 4.0]];
@@ -332,7 +350,47 @@ fn strengths_of_an_unknown_level_give_the_level_too() {
     let point = rss_ml::gauss_newton(&data, 2, &Vector::from([8.0, 8.0, -50.0])).unwrap();
     // As for a unique position; the level in dB has a standard deviation of some dB.
     assert!((point.belief.mean - Vector::from([4.0, 6.0, -41.0])).amax() < 1e-8, "{:?}", point.belief.mean);
+    // Rows (−27/ln 10 (p − a)/d², 1) of 2 dB; a dense inverse of 3 × 3 keeps 12 digits.
+    let j = Matrix::<5, 3>::from_fn(|i, k| {
+        let d = distance(&p, BOX[i], Some(1.0));
+        if k == 2 { 1.0 } else { -27.0 / std::f64::consts::LN_10 * (p[k] - BOX[i][k]) / (d * d) }
+    });
+    let cov = (j.transpose() * j).try_inverse().unwrap() * 4.0;
+    // The position is off by 1e-10 standard deviations.
+    assert!((cov - point.belief.cov).amax() < 1e-8 * cov.amax(), "{:?}", point.belief.cov);
     let level_known = Strengths { law: LAW, ..data };
     let known = rss_ml::gauss_newton(&level_known, 2, &Vector::from([8.0, 8.0])).unwrap();
     assert!(known.belief.cov.trace() < point.belief.cov.fixed_view::<2, 2>(0, 0).trace());
+}
+
+#[test]
+fn large_residuals_still_end_at_the_minimum() {
+    // Gauss–Newton alone swung about such minima, or crept towards them: it stopped off by 3e-7 of the position, or gave up.
+    let mut chance = Chance(17);
+    let (mut settled, mut worst): (_, f64) = (0, 0.0);
+    for _ in 0..300 {
+        let anchors: Vec<[f64; 3]> = (0..5).map(|_| [30.0 * chance.uniform(), 30.0 * chance.uniform(), 0.0]).collect();
+        let p = Vector::from([3.0 + 24.0 * chance.uniform(), 3.0 + 24.0 * chance.uniform()]);
+        let mut strengths = strengths(&p, &anchors, None);
+        for s in &mut strengths {
+            s.rss_dbm += 2.0 * chance.normal();
+        }
+        let data = Strengths { law: LAW, sd_db: 2.0, strengths: &strengths, height_m: None };
+        let Some(point) = rss_ml::gauss_newton(&data, 2, &Vector::from([p[0], p[1], -41.0])) else { continue };
+        settled += 1;
+        let x = point.belief.mean;
+        let mut slope = Vector::<3>::zeros();
+        for s in &strengths {
+            let d = distance(&Vector::from([x[0], x[1]]), s.anchor_m, None);
+            let residual = s.rss_dbm - (x[2] - 27.0 * d.log10());
+            let along = -27.0 / std::f64::consts::LN_10 / (d * d);
+            slope +=
+                Vector::from([along * (x[0] - s.anchor_m[0]), along * (x[1] - s.anchor_m[1]), 1.0]) * residual / 4.0;
+        }
+        worst = worst.max(slope.dot(&(point.belief.cov * slope)).sqrt());
+    }
+    // The search ends within 1e-10 standard deviations, or where rounding of 60 dB over 2 dB in the gradient is: 1e-13 diluted.
+    assert!(worst < 1e-9, "{worst:e} standard deviations");
+    // Some have no minimum: the level and the distance grow together.
+    assert!(settled >= 270, "{settled} of 300 settled");
 }

@@ -2,11 +2,12 @@
 
 use crate::anchors::Anchors;
 use crate::layout::Layout;
-use crate::packet::{Content, Kind, Packet};
+use crate::packet::{AnchorId, Content, Kind, Packet};
 use crate::spec::{LinearStep, Robust, SensorSpec};
 use crate::tracker::Step;
-use fixtrail_core::linalg::whiten;
+use fixtrail_core::linalg::{Common, whiten};
 use fixtrail_core::models::{CoordinatedTurn, Integrators};
+use fixtrail_core::sensors::{Pair, PathLoss};
 use fixtrail_core::{Belief, Matrix, Row, Transition, Vector, sensors};
 use std::sync::Arc;
 
@@ -42,11 +43,13 @@ pub struct HeldRows<const N: usize> {
     pub h: Vec<Vector<N>>,
     /// Noise covariance, row by row.
     pub r: Vec<f64>,
+    /// Reference anchors of time differences, whose noise they share; used by the sensors that have them alone.
+    references: Vec<Option<AnchorId>>,
 }
 
 impl<const N: usize> Default for HeldRows<N> {
     fn default() -> Self {
-        Self { values: Vec::new(), expected: Vec::new(), h: Vec::new(), r: Vec::new() }
+        Self { values: Vec::new(), expected: Vec::new(), h: Vec::new(), r: Vec::new(), references: Vec::new() }
     }
 }
 
@@ -57,6 +60,7 @@ impl<const N: usize> HeldRows<N> {
         self.expected.clear();
         self.h.clear();
         self.r.clear();
+        self.references.clear();
     }
 }
 
@@ -77,6 +81,8 @@ pub struct Model<const N: usize> {
     pub robust: fixtrail_core::estimators::kalman::Robust,
     /// Position around which an unknown start is searched when the model is nonlinear.
     pub centre_m: [f64; 3],
+    /// How far from there the outermost anchor is.
+    pub extent_m: f64,
 }
 
 impl<const N: usize> Model<N> {
@@ -226,7 +232,7 @@ impl<const N: usize> Sensing<N> for LinearModel<N> {
     }
 }
 
-/// Position and range sensors of a kinematic model.
+/// The sensors of a kinematic model.
 pub struct Radios {
     axes: usize,
     sensors: Vec<Radio>,
@@ -235,6 +241,7 @@ pub struct Radios {
 struct Radio {
     kind: Kind,
     sd: f64,
+    path_loss: PathLoss,
     height_m: Option<f64>,
     /// Position and bias of each anchor, by id.
     anchors: Vec<([f64; 3], f64)>,
@@ -246,6 +253,8 @@ impl Radios {
         let radio = |s: &SensorSpec| Radio {
             kind: s.kind,
             sd: s.sd,
+            // The spec of a sensor of strengths has one.
+            path_loss: s.path_loss.unwrap_or(PathLoss { exponent: 2.0, at_1m_dbm: 0.0 }),
             height_m: s.height_m,
             anchors: (0..anchors.len() as u32)
                 .map(|id| (anchors.position_m(id), s.bias.get(anchors.name(id)).copied().unwrap_or(0.0)))
@@ -273,35 +282,95 @@ impl Radios {
                 let value_m = value_m - bias;
                 hand_on(Some(value_m), sensors::range(x, self.axes, at, radio.height_m, value_m, var));
             }
-            Content::Rssi { .. } | Content::Tdoa { .. } | Content::Bearing { .. } | Content::Linear { .. } => {}
+            Content::Rssi { anchor, value_dbm } => {
+                let (at, bias) = radio.anchors[*anchor as usize];
+                let value_dbm = value_dbm - bias;
+                let row = sensors::rssi(x, self.axes, at, radio.height_m, radio.path_loss, value_dbm, var);
+                hand_on(Some(value_dbm), row);
+            }
+            Content::Tdoa { anchor, reference, value_m } => {
+                let pair = Pair {
+                    anchor_m: radio.anchors[*anchor as usize].0,
+                    reference_m: radio.anchors[*reference as usize].0,
+                };
+                hand_on(Some(*value_m), sensors::tdoa(x, self.axes, pair, radio.height_m, *value_m, var));
+            }
+            Content::Bearing { anchor, value_rad } => {
+                let (at, bias) = radio.anchors[*anchor as usize];
+                let value_rad = value_rad - bias;
+                hand_on(Some(value_rad), sensors::bearing(x, at, value_rad, var));
+            }
+            Content::Linear { .. } => {}
         }
+    }
+
+    /// Hands on the rows of the differences among `packets` that share a reference, made independent.
+    fn differences<const N: usize>(
+        &self,
+        packets: &[Packet],
+        shared: AnchorId,
+        x: &Vector<N>,
+        mut hand_on: impl FnMut(Row<N>),
+    ) {
+        // In units of each standard deviation the reference's part of the variance is a half.
+        let mut common = Common::new(SHARED);
+        for packet in packets.iter().filter(|p| reference(p) == Some(shared)) {
+            self.each(packet, x, |_, row| {
+                let w = 1.0 / row.var.sqrt();
+                hand_on(common.next(&Row { h: row.h * w, residual: row.residual * w, var: 1.0 - SHARED }));
+            });
+        }
+    }
+}
+
+/// Correlation of two time differences of an instant that share their reference anchor: every anchor's clock and receiver have the same part
+/// in the noise.
+const SHARED: f64 = 0.5;
+
+/// The reference anchor of a time difference.
+fn reference(packet: &Packet) -> Option<AnchorId> {
+    match packet.content {
+        Content::Tdoa { reference, .. } => Some(reference),
+        _ => None,
     }
 }
 
 impl<const N: usize> Sensing<N> for Radios {
     fn rows(&self, step: &Step<'_>, x: &Vector<N>, out: &mut Vec<Row<N>>) {
-        for packet in step.packets {
-            self.each(packet, x, |value, row| {
-                if value.is_some() {
-                    out.push(row);
-                }
-            });
+        for (i, packet) in step.packets.iter().enumerate() {
+            match reference(packet) {
+                // All of one reference together, with its first.
+                Some(shared) if step.packets[..i].iter().any(|p| reference(p) == Some(shared)) => {}
+                Some(shared) => self.differences(&step.packets[i..], shared, x, |row| out.push(row)),
+                None => self.each(packet, x, |value, row| {
+                    if value.is_some() {
+                        out.push(row);
+                    }
+                }),
+            }
         }
     }
 
     fn held(&self, step: &Step<'_>, x: &Vector<N>, out: &mut HeldRows<N>) {
         for packet in step.held {
             self.each(packet, x, |value, row| {
+                out.references.push(reference(packet));
                 out.values.push(value);
                 out.expected.push(value.unwrap_or(0.0) - row.residual);
                 out.h.push(row.h);
                 out.r.push(row.var);
             });
         }
-        // Independent noise: the variances become a diagonal, all but the first beyond where they stood.
+        // The variances become a diagonal, all but the first beyond where they stood; beside it stands what time differences share.
         let q = out.r.len();
         out.r.resize(q * q, 0.0);
         (1..q).for_each(|i| out.r.swap(i, i * q + i));
+        for (i, j) in (0..q).flat_map(|i| (0..i).map(move |j| (i, j))) {
+            if out.references[i].is_some() && out.references[i] == out.references[j] {
+                let shared = SHARED * (out.r[i * q + i] * out.r[j * q + j]).sqrt();
+                (out.r[i * q + j], out.r[j * q + i]) = (shared, shared);
+            }
+        }
     }
 }
 

@@ -139,6 +139,7 @@ fn sized<const N: usize>(spec: &Spec, anchors: &Anchors) -> Result<Model<N>, Bui
                 nonlinear: false,
                 robust: fixtrail_core::estimators::kalman::Robust::None,
                 centre_m: [0.0; 3],
+                extent_m: 0.0,
             })
         }
         ModelSpec::Turn(_) => Err(fail("is a coordinated turn of another dimension".to_owned())),
@@ -154,6 +155,7 @@ fn assemble<const N: usize>(
     nonlinear_motion: bool,
 ) -> Model<N> {
     let layout = layout(spec);
+    let centre_m = centre(anchors);
     let sensing: Arc<dyn Sensing<N>> = Arc::new(Radios::new(layout.axes, &spec.sensors, anchors));
     let nonlinear = nonlinear_motion || spec.sensors.iter().any(|s| s.kind != Kind::Position);
     Model {
@@ -163,7 +165,8 @@ fn assemble<const N: usize>(
         prior: prior.map(belief),
         nonlinear,
         robust: robust(&spec.sensors),
-        centre_m: centre(anchors),
+        centre_m,
+        extent_m: extent(anchors, centre_m),
     }
 }
 
@@ -279,6 +282,12 @@ fn centre(anchors: &Anchors) -> [f64; 3] {
         }
     }
     sum
+}
+
+/// Distance from `centre_m` to the outermost anchor.
+fn extent(anchors: &Anchors, centre_m: [f64; 3]) -> f64 {
+    let away = |id| anchors.position_m(id).iter().zip(centre_m).map(|(p, c)| (p - c) * (p - c)).sum::<f64>().sqrt();
+    (0..anchors.len() as u32).map(away).fold(0.0, f64::max)
 }
 
 fn fail(what: String) -> BuildError {

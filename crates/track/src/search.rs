@@ -4,7 +4,7 @@ use crate::error::StepError;
 use crate::heap::Heap;
 use crate::linearised::Linearised;
 use crate::model::Model;
-use crate::packet::{Content, Packet};
+use crate::packet::{Content, Kind, Packet};
 use crate::tracker::Step;
 use fixtrail_core::estimators::fms::newton::{ColdStart, MOST_ROWS, Newton, WindowModel};
 use fixtrail_core::estimators::kalman;
@@ -65,34 +65,49 @@ impl<const N: usize> WindowModel<N> for KeptWindow<'_, N> {
 
 /// Whether the packets of a window can fix a position: enough different anchors, or positions themselves.
 pub(crate) fn enough<'a>(axes: usize, kept: impl Iterator<Item = &'a Kept>) -> bool {
-    // One more than the axes: with as many, two mirrored positions fit.
-    let mut anchors = [0; 4];
+    // One more than the axes: with as many, two positions fit. A strength says what a range does.
+    let mut seen = [(Kind::Position, [None; 2]); 4];
     let mut count = 0;
     for packet in kept.flat_map(|k| &k.packets) {
-        match &packet.content {
-            Content::Range { anchor, .. } => {
-                if !anchors[..count].contains(anchor) {
-                    anchors[count] = *anchor;
-                    count += 1;
-                }
-                if count > axes {
-                    return true;
-                }
-            }
-            Content::Position(_) | Content::Linear { .. } => return true,
-            Content::Rssi { .. } | Content::Tdoa { .. } | Content::Bearing { .. } => {}
+        let (kind, anchors) = packet.source();
+        let source = match kind {
+            Kind::Position | Kind::Linear => return true,
+            Kind::Range | Kind::Rssi => (Kind::Range, anchors),
+            Kind::Tdoa | Kind::Bearing => (kind, anchors),
+        };
+        if seen[..count].contains(&source) {
+            continue;
+        }
+        // In the plane two directions have one point in common, and so have a direction and a distance from the same anchor.
+        let settles = |other: &(Kind, _)| match (source.0, other.0) {
+            (Kind::Bearing, Kind::Bearing) => true,
+            (Kind::Bearing, Kind::Range) | (Kind::Range, Kind::Bearing) => other.1 == anchors,
+            _ => false,
+        };
+        if axes == 2 && seen[..count].iter().any(settles) {
+            return true;
+        }
+        seen[count] = source;
+        count += 1;
+        if count > axes {
+            return true;
         }
     }
     false
 }
 
-/// Where a search without a trajectory begins: at the centre of the anchors, as far out as the longest range says.
+/// Where a search without a trajectory begins: at the centre of the anchors, as far out as the longest range says, or the outermost anchor
+/// where other sensors than ranges are used.
 pub(crate) fn cold_start<'a, const N: usize>(model: &Model<N>, kept: impl Iterator<Item = &'a Kept>) -> ColdStart<N> {
     let axes = model.layout.axes;
     let mut reach_m: f64 = 1.0;
     for packet in kept.flat_map(|k| &k.packets) {
-        if let Content::Range { value_m, .. } = packet.content {
-            reach_m = reach_m.max(value_m);
+        match packet.content {
+            Content::Range { value_m, .. } => reach_m = reach_m.max(value_m),
+            Content::Rssi { .. } | Content::Tdoa { .. } | Content::Bearing { .. } => {
+                reach_m = reach_m.max(model.extent_m)
+            }
+            Content::Position(_) | Content::Linear { .. } => {}
         }
     }
     let guess = Vector::from_fn(|i, _| if i < axes { model.centre_m[i] } else { 0.0 });

@@ -103,8 +103,15 @@ fn trackers_of_linear_runs_do_not_allocate() {
 
 fn sensed(kind: Kind, estimator: EstimatorSpec) -> Spec {
     let model = KinematicSpec { order: 2, axes: 2, noise: vec![0.5, 0.5], prior: None };
-    let sensor =
-        SensorSpec { kind, sd: 0.1, bias: BTreeMap::new(), height_m: None, latency_s: 0.0, robust: Robust::None };
+    let sensor = SensorSpec {
+        kind,
+        sd: 0.1,
+        path_loss: None,
+        bias: BTreeMap::new(),
+        height_m: None,
+        latency_s: 0.0,
+        robust: Robust::None,
+    };
     Spec { sensors: vec![sensor], ..spec_of(ModelSpec::Kinematic(model), estimator) }
 }
 

@@ -20,7 +20,15 @@ use support::oracle::{Instant, Run};
 use support::{Declared, fms, linear, packet, spec_of};
 
 fn sensor(kind: Kind, sd: f64) -> SensorSpec {
-    SensorSpec { kind, sd, bias: BTreeMap::new(), height_m: None, latency_s: 0.0, robust: Robust::None }
+    SensorSpec {
+        kind,
+        sd,
+        path_loss: None,
+        bias: BTreeMap::new(),
+        height_m: None,
+        latency_s: 0.0,
+        robust: Robust::None,
+    }
 }
 
 fn anchors() -> Anchors {

@@ -57,6 +57,7 @@ fn ranging(model: ModelSpec, estimator: EstimatorSpec) -> Spec {
     let sensor = SensorSpec {
         kind: Kind::Range,
         sd: SD_M,
+        path_loss: None,
         bias: BTreeMap::new(),
         height_m: Some(HEIGHT_M),
         latency_s: 0.0,

@@ -154,6 +154,7 @@ fn extended_filters_are_consistent_where_ranges_bend_little() {
     let sensor = SensorSpec {
         kind: Kind::Range,
         sd,
+        path_loss: None,
         bias: BTreeMap::new(),
         height_m: None,
         latency_s: 0.0,

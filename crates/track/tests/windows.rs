@@ -293,6 +293,7 @@ fn positions(kinematic: KinematicSpec, estimator: EstimatorSpec, sd: f64) -> Spe
     let sensor = SensorSpec {
         kind: Kind::Position,
         sd,
+        path_loss: None,
         bias: BTreeMap::new(),
         height_m: None,
         latency_s: 0.0,

@@ -30,6 +30,7 @@ pub use scenario::{
 use crate::mat::Mat;
 use crate::packet::Kind;
 pub use fixtrail_core::estimators::augmented::Hold;
+use fixtrail_core::sensors::PathLoss;
 use std::collections::BTreeMap;
 
 /// A checked spec.
@@ -287,11 +288,13 @@ pub enum Duplicates {
 /// `[sensor]` or one of `[[sensor]]`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorSpec {
-    /// `kind`: position or range.
+    /// `kind`: anything but linear.
     pub kind: Kind,
     /// `sd`: of the value, or of each coordinate.
     pub sd: f64,
-    /// `bias`: anchor name → metres, subtracted from the value.
+    /// `path_loss`: the law of signal strengths.
+    pub path_loss: Option<PathLoss>,
+    /// `bias`: anchor name → metres, dB or radians, subtracted from the value.
     pub bias: BTreeMap<String, f64>,
     /// `height_m`: known target height; a planar track from three-dimensional anchors.
     pub height_m: Option<f64>,

@@ -40,10 +40,10 @@ pub const MODELS: &[Named] = &[
 pub const SENSORS: &[Named] = &[
     ("position", "coordinates in metres, or latitude and longitude"),
     ("range", "distance to an anchor in metres, 2 or 3 axes"),
+    ("rssi", "signal strength at or from an anchor in dBm, by a log-distance law"),
+    ("tdoa", "distance to an anchor less that to a reference anchor, in metres"),
+    ("bearing", "direction from an anchor in radians, counter-clockwise from x, seen from above"),
 ];
-
-/// `sensor.kind`, one day.
-pub(super) const LATER_SENSORS: &[&str] = &["rssi", "tdoa", "bearing"];
 
 /// What a link can be.
 pub const LINKS: &[Named] = &[

@@ -260,6 +260,13 @@ fn simulated(
         return Err(model_table.missing("x0", "the mean of where targets start, and `P0` beside it"));
     }
     let sensors = sensor::sensors(root, &model)?;
+    if let Some(other) = sensors.iter().find(|s| !matches!(s.kind, Kind::Position | Kind::Range | Kind::Linear)) {
+        let what = format!(
+            "has a sensor of kind {:?}, expected \"position\" or \"range\" in a simulated scenario",
+            other.kind.name()
+        );
+        return Err(root.error("sensor", what));
+    }
     let field = root.get("field").map(|f| field_of(&f, &sensors)).transpose()?;
     if field.is_none() && sensors.iter().any(|s| s.kind == Kind::Range) {
         return Err(root.missing("field", "a table `[field]` with the sensors that ranges are taken from"));

@@ -1,10 +1,11 @@
 //! `[sensor]` or `[[sensor]]`: what measures the targets.
 
-use super::names::{LATER_ROBUST, LATER_SENSORS, ROBUST, SENSORS, choose};
+use super::names::{LATER_ROBUST, ROBUST, SENSORS, choose};
 use super::value::{Field, Table};
 use super::{ModelSpec, Robust, SensorSpec};
 use crate::error::BuildError;
 use crate::packet::Kind;
+use fixtrail_core::sensors::PathLoss;
 use std::collections::BTreeMap;
 
 /// Threshold of `robust = "gate"` when none is given: three standard deviations.
@@ -43,21 +44,27 @@ pub(super) fn sensors(root: &Table<'_>, model: &ModelSpec) -> Result<Vec<SensorS
     Ok(sensors)
 }
 
+/// Keys that every sensor takes.
+const COMMON: &[&str] = &["kind", "sd", "latency_s", "robust", "gate"];
+
 fn sensor(table: &Table<'_>, axes: usize) -> Result<SensorSpec, BuildError> {
-    let kind_field = table.require("kind", "\"position\" or \"range\"")?;
-    let name = choose(&kind_field, SENSORS, LATER_SENSORS)?;
-    let (kind, keys): (_, &[&str]) = match name {
-        "range" => (Kind::Range, &["kind", "sd", "bias", "height_m", "latency_s", "robust", "gate"]),
-        _ => (Kind::Position, &["kind", "sd", "latency_s", "robust", "gate"]),
+    let kind_field = table.require("kind", "\"position\", \"range\", \"rssi\", \"tdoa\" or \"bearing\"")?;
+    let name = choose(&kind_field, SENSORS, &[])?;
+    let (kind, own, unit): (_, &[&str], _) = match name {
+        "range" => (Kind::Range, &["bias", "height_m"], "metres"),
+        "rssi" => (Kind::Rssi, &["path_loss", "bias", "height_m"], "dB"),
+        "tdoa" => (Kind::Tdoa, &["height_m"], "metres"),
+        "bearing" => (Kind::Bearing, &["bias"], "radians"),
+        _ => (Kind::Position, &[], "metres"),
     };
-    table.only(&format!("a `{name}` sensor"), keys, &["path_loss"])?;
-    if kind == Kind::Range && axes == 1 {
-        return Err(kind_field.misfit("\"position\", as `model.axes` is 1 and a range needs 2 or 3"));
+    table.only(&format!("a `{name}` sensor"), &[COMMON, own].concat(), &[])?;
+    if kind != Kind::Position && axes == 1 {
+        return Err(kind_field.misfit(format!("\"position\", as `model.axes` is 1 and a `{name}` sensor needs 2 or 3")));
     }
-    let metres = "a standard deviation in metres, a finite number from 1e-9";
+    let expected = format!("a standard deviation in {unit}, a finite number from 1e-9");
     let sd = table
-        .require("sd", &format!("{metres} (rows with an `sd` of their own use that instead)"))?
-        .number(metres, |v| v >= 1e-9)?;
+        .require("sd", &format!("{expected} (rows with an `sd` of their own use that instead)"))?
+        .number(&expected, |v| v >= 1e-9)?;
     let finite = |key: &str, expected: &str| table.get(key).map(|f| f.number(expected, |_| true)).transpose();
     let height_m = finite("height_m", "a finite number of metres")?;
     if let (Some(field), 3) = (table.get("height_m"), axes) {
@@ -66,16 +73,31 @@ fn sensor(table: &Table<'_>, axes: usize) -> Result<SensorSpec, BuildError> {
     Ok(SensorSpec {
         kind,
         sd,
-        bias: table.get("bias").map_or(Ok(BTreeMap::new()), |field| bias(&field))?,
+        path_loss: if kind == Kind::Rssi { Some(path_loss(table)?) } else { None },
+        bias: table.get("bias").map_or(Ok(BTreeMap::new()), |field| bias(&field, unit))?,
         height_m,
         latency_s: finite("latency_s", "a finite number of seconds")?.unwrap_or(0.0),
         robust: robust(table)?,
     })
 }
 
-fn bias(field: &Field<'_>) -> Result<BTreeMap<String, f64>, BuildError> {
-    let anchors = field.table("a table of anchors and metres, such as { A1 = 0.18 }")?;
-    anchors.fields().map(|(name, f)| Ok((name.to_owned(), f.number("a finite number of metres", |_| true)?))).collect()
+fn path_loss(sensor: &Table<'_>) -> Result<PathLoss, BuildError> {
+    let expected = "a table such as { exponent = 2.5, at_1m_dbm = -40 }";
+    let table = sensor.require("path_loss", expected)?.table(expected)?;
+    table.only("`path_loss`", &["exponent", "at_1m_dbm"], &[])?;
+    // Far outside of what radios do, and far inside of what can be computed.
+    let exponent = "the exponent of the distance, a number from 0.1 to 100, 2 in free space";
+    let level = "the strength one metre from an anchor, a finite number of dBm";
+    Ok(PathLoss {
+        exponent: table.require("exponent", exponent)?.number(exponent, |v| (0.1..=100.0).contains(&v))?,
+        at_1m_dbm: table.require("at_1m_dbm", level)?.number(level, |_| true)?,
+    })
+}
+
+fn bias(field: &Field<'_>, unit: &str) -> Result<BTreeMap<String, f64>, BuildError> {
+    let anchors = field.table(&format!("a table of anchors and {unit}, such as {{ A1 = 0.18 }}"))?;
+    let expected = format!("a finite number of {unit}");
+    anchors.fields().map(|(name, f)| Ok((name.to_owned(), f.number(&expected, |_| true)?))).collect()
 }
 
 fn robust(table: &Table<'_>) -> Result<Robust, BuildError> {

@@ -4,6 +4,7 @@ use super::parse_with;
 use crate::mat::Mat;
 use crate::packet::Kind;
 use crate::spec::*;
+use fixtrail_core::sensors::PathLoss;
 use std::collections::BTreeMap;
 
 fn good(text: &str) -> Spec {
@@ -138,6 +139,7 @@ fn sensors_have_every_key_and_their_order() {
     let range = SensorSpec {
         kind: Kind::Range,
         sd: 0.15,
+        path_loss: None,
         bias: BTreeMap::from([("A3".to_owned(), 0.18), ("B 1".to_owned(), -1.0)]),
         height_m: Some(1.0),
         latency_s: 0.08,
@@ -146,12 +148,42 @@ fn sensors_have_every_key_and_their_order() {
     let position = SensorSpec {
         kind: Kind::Position,
         sd: 2.0,
+        path_loss: None,
         bias: BTreeMap::new(),
         height_m: None,
         latency_s: 0.0,
         robust: Robust::Gate(9.0),
     };
     assert_eq!(spec.sensors, [range, position]);
+    assert_eq!(spec.estimator, EstimatorSpec::Ekf);
+}
+
+#[test]
+fn sensors_of_anchors_other_than_ranges_have_their_keys() {
+    let spec = good(
+        "[model]\nkind = \"constant-velocity\"\nnoise = 1\n[[sensor]]\nkind = \"rssi\"\nsd = 2.5\nheight_m = 1.0\n\
+         path_loss = { exponent = 2.7, at_1m_dbm = -41 }\nbias = { A3 = 1.5 }\n[[sensor]]\nkind = \"tdoa\"\nsd = 0.3\nheight_m = 1.0\n\
+         [[sensor]]\nkind = \"bearing\"\nsd = 0.05\nlatency_s = 0.1\nbias = { A3 = 0.2 }",
+    );
+    let plain = |kind: Kind, sd: f64| SensorSpec {
+        kind,
+        sd,
+        path_loss: None,
+        bias: BTreeMap::new(),
+        height_m: None,
+        latency_s: 0.0,
+        robust: Robust::None,
+    };
+    let rssi = SensorSpec {
+        path_loss: Some(PathLoss { exponent: 2.7, at_1m_dbm: -41.0 }),
+        bias: BTreeMap::from([("A3".to_owned(), 1.5)]),
+        height_m: Some(1.0),
+        ..plain(Kind::Rssi, 2.5)
+    };
+    let tdoa = SensorSpec { height_m: Some(1.0), ..plain(Kind::Tdoa, 0.3) };
+    let bearing =
+        SensorSpec { latency_s: 0.1, bias: BTreeMap::from([("A3".to_owned(), 0.2)]), ..plain(Kind::Bearing, 0.05) };
+    assert_eq!(spec.sensors, [rssi, tdoa, bearing]);
     assert_eq!(spec.estimator, EstimatorSpec::Ekf);
 }
 
@@ -307,7 +339,8 @@ fn every_listed_name_parses() {
         good(&format!("{model}[estimator]\nkind = \"{kind}\"\n{keys}"));
     }
     for (kind, _) in SENSORS {
-        good(&CV.replace("position", kind));
+        let law = if *kind == "rssi" { "path_loss = { exponent = 2.5, at_1m_dbm = -40 }\n" } else { "" };
+        good(&format!("{}{law}", CV.replace("position", kind)));
     }
     for (kind, _) in LINKS {
         good(&format!("{CV}[link]\nstamped = {}", *kind == "stamped"));
