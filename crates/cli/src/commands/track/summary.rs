@@ -32,6 +32,10 @@ impl Summary<'_> {
         self.outcome.trails.iter().map(|t| t.trail.len() as u64).sum()
     }
 
+    fn restarts(&self) -> u64 {
+        self.outcome.trails.iter().map(|t| t.trail.restarts).sum()
+    }
+
     fn rows_per_s(&self) -> Option<f64> {
         let used: usize = self.table.targets.iter().map(|t| t.packets.len()).sum();
         (self.outcome.seconds > 0.0).then(|| used as f64 / self.outcome.seconds)
@@ -88,6 +92,12 @@ impl Summary<'_> {
             short(self.outcome.seconds),
             by_status.join(", ")
         ));
+        if self.restarts() > 0 {
+            lines.push(format!(
+                "{}, lost or out of sight for long: the track was started anew",
+                counted(self.restarts(), "time")
+            ));
+        }
         if let Some(report) = &self.arguments.report {
             lines.push(format!("{}: the report, opens in any browser", report.display()));
         }
@@ -125,6 +135,7 @@ impl Summary<'_> {
             "ignored_columns": counts.ignored_columns,
             "unused_kinds": self.unused,
             "fixes": fixes,
+            "restarts": self.restarts(),
             "origin": self.table.origin.as_ref().map(|o| json!({ "lat": o.lat_deg, "lon": o.lon_deg, "alt": o.alt_m })),
             "seconds": self.outcome.seconds,
             "rows_per_s": self.rows_per_s(),
