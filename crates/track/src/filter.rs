@@ -1,11 +1,22 @@
 //! The recursive filter that every Kalman-family tracker shares: start, prediction and update, and a record of how each instant was
 //! linearised for smoothers to go back over.
+//!
+//! A robust filter also notices when its prediction is of no more use, and starts anew from the data:
+//!
+//! - **Lost**: at 12 of the last 16 instants with measurements more than half of the rows missed their prediction by more than three
+//!   standard deviations. Innovations of a filter that is right are independent from instant to instant, and so are outliers: if one
+//!   instant in ten is bad, this happens once in 8e8 instants, `Σ_{i≥12} C(16,i) 0.1^i 0.9^(16−i) = 1.3e-9`. Without outliers, at most
+//!   2 × 0.0027 by Markov's inequality, less than 1e-24.
+//! - **Stale**: after a gap one standard deviation of the prediction bends a measurement by more than the standard deviation of its
+//!   innovation, though over the estimate before the gap it was as good as linear, by the measure that ends the search for a start
+//!   ([`Search`]). From there on the linearisation would decide the update, and not the measurement: the filter would be sure of a wrong
+//!   place. For a range that is a prediction known to no better than twice the distance to the anchor.
 
 use crate::error::StepError;
 use crate::fix::Status;
 use crate::linearised::Linearised;
 use crate::model::Model;
-use crate::search::{Found, Search};
+use crate::search::{self, BENT, Found, Search};
 use crate::tracker::Step;
 use fixtrail_core::estimators::diffuse::Diffuse;
 use fixtrail_core::estimators::kalman::{self, Evidence, Robust};
@@ -45,6 +56,13 @@ struct Start<const N: usize> {
     determined: u32,
 }
 
+/// Instants with measurements that the test for a lost track looks back over.
+const LOST_WINDOW: u32 = 16;
+/// How many of them must miss for the track to be lost.
+const LOST_MISSES: u32 = 12;
+/// Share of an innovation's standard deviation by which a prediction that is still of use may bend a measurement.
+const STALE: f64 = 1.0;
+
 /// Instants after which an ordinary covariance takes over in any case; without process noise nothing else would end the start.
 const LONGEST_START: u32 = 64;
 
@@ -65,12 +83,26 @@ pub struct Filter<const N: usize> {
     state: State<N>,
     past: Option<Past<N>>,
     rows: Vec<Row<N>>,
+    /// Which of the last instants with measurements missed, the newest in the lowest bit.
+    misses: u32,
+    /// How often it started anew.
+    restarts: u64,
 }
 
 impl<const N: usize> Filter<N> {
     /// A filter before its first instant.
     pub fn new(model: Model<N>) -> Self {
-        Self { model, state: State::New, past: None, rows: Vec::new() }
+        Self { model, state: State::New, past: None, rows: Vec::new(), misses: 0, restarts: 0 }
+    }
+
+    /// How often the filter has started anew because it was lost or its prediction had become useless.
+    pub fn restarts(&self) -> u64 {
+        self.restarts
+    }
+
+    /// Whether a row that does not fit is treated as such, and a lost track started anew.
+    fn is_robust(&self) -> bool {
+        self.model.robust != Robust::None
     }
 
     /// Takes one instant. Appends to `record`, when a smoother asks for it, every instant whose linearisation is now settled, in order.
@@ -78,7 +110,8 @@ impl<const N: usize> Filter<N> {
     /// # Errors
     /// [`StepError`]; nothing has changed then.
     pub fn step(&mut self, step: &Step<'_>, record: Option<&mut Vec<Linearised<N>>>) -> Result<Outcome<N>, StepError> {
-        if matches!(self.state, State::New) && self.model.prior.is_none() && self.model.nonlinear {
+        let unknown = self.model.prior.is_none() || self.restarts > 0;
+        if matches!(self.state, State::New) && unknown && self.model.nonlinear {
             self.state = State::Searching(Box::new(Search::new()?));
         }
         match &mut self.state {
@@ -93,7 +126,7 @@ impl<const N: usize> Filter<N> {
                 Ok(started(found.map(|f| f.belief), step))
             }
             State::Running(_) => self.run(step, record),
-            State::New if self.model.prior.is_some() => self.run(step, record),
+            State::New if !unknown => self.run(step, record),
             State::New | State::Diffuse(_) => self.start(step, record),
         }
     }
@@ -103,6 +136,19 @@ impl<const N: usize> Filter<N> {
         if let State::Searching(search) = &mut self.state {
             search.finish(&self.model, record);
         }
+    }
+
+    /// Gives up what is known and takes the instant as the first one of a new start. The prior belongs to the first start alone.
+    fn restart(&mut self, step: &Step<'_>, record: Option<&mut Vec<Linearised<N>>>) -> Result<Outcome<N>, StepError> {
+        let before = (std::mem::replace(&mut self.state, State::New), self.past.take(), self.misses);
+        self.misses = 0;
+        self.restarts += 1;
+        let outcome = self.step(step, record);
+        if outcome.is_err() {
+            (self.state, self.past, self.misses) = before;
+            self.restarts -= 1;
+        }
+        outcome
     }
 
     fn remember(&mut self, step: &Step<'_>, nominal: Vector<N>) {
@@ -123,22 +169,43 @@ impl<const N: usize> Filter<N> {
             (State::Running(belief), None) => *belief,
             _ => self.model.prior.ok_or_else(|| StepError::Misfit("a filter without a prior".to_owned()))?,
         };
+        if self.is_stale(step, &prior) {
+            return self.restart(step, record);
+        }
         self.rows.clear();
         self.model.sensing.rows(step, &prior.mean, &mut self.rows);
         let mut used = Vec::new();
         let keep = record.is_some();
         let (belief, evidence) = kalman::update_noting(&prior, &self.rows, self.model.robust, |innovation| {
             if keep {
-                used.push(self.rows[innovation.row]);
+                used.push(Row { var: innovation.var, ..self.rows[innovation.row] });
             }
         })
         .map_err(StepError::Core)?;
+        let mut misses = self.misses;
+        if evidence.dof > 0 {
+            misses = (misses << 1 | u32::from(2 * evidence.misfits > evidence.dof)) & ((1 << LOST_WINDOW) - 1);
+        }
+        if self.is_robust() && misses.count_ones() >= LOST_MISSES {
+            return self.restart(step, record);
+        }
+        self.misses = misses;
         if let Some(record) = record {
             record.push(Linearised { nominal: prior.mean, arrive, rows: used, forgotten: false });
         }
         self.state = State::Running(belief);
         self.remember(step, prior.mean);
         Ok(judged(belief, &evidence))
+    }
+
+    /// Whether motion since the last estimate has made a prediction too wide for the measurements to be linear over it.
+    fn is_stale(&mut self, step: &Step<'_>, prior: &Belief<N>) -> bool {
+        if !(self.is_robust() && self.model.nonlinear) || step.packets.is_empty() {
+            return false;
+        }
+        let State::Running(before) = &self.state else { return false };
+        !search::is_nearly_linear(&self.model, step, prior, STALE, &mut self.rows)
+            && search::is_nearly_linear(&self.model, step, before, BENT, &mut self.rows)
     }
 
     /// One step of a linear filter that does not know the state yet, or not well.

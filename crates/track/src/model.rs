@@ -374,15 +374,21 @@ impl<const N: usize> Sensing<N> for Radios {
     }
 }
 
-/// The gate of a spec's sensors; the tightest when several differ.
+/// What a spec's sensors say of rows that do not fit; the tightest threshold when several differ.
 pub(crate) fn robust(sensors: &[SensorSpec]) -> fixtrail_core::estimators::kalman::Robust {
     use fixtrail_core::estimators::kalman::Robust as Core;
-    let gates = sensors.iter().filter_map(|s| match s.robust {
-        Robust::Gate(limit) => Some(limit),
-        Robust::None => None,
+    let tighter = |a: Core, b: Core| match (a, b) {
+        (Core::Gate(a), Core::Gate(b)) => Core::Gate(a.min(b)),
+        (Core::Huber(a), Core::Huber(b)) => Core::Huber(a.min(b)),
+        (Core::Redescending(a), Core::Redescending(b)) => Core::Redescending(a.min(b)),
+        // The spec allows one kind, or none.
+        (Core::None, other) | (other, _) => other,
+    };
+    let each = sensors.iter().map(|s| match s.robust {
+        Robust::None => Core::None,
+        Robust::Gate(limit) => Core::Gate(limit),
+        Robust::Huber(threshold) => Core::Huber(threshold),
+        Robust::Redescending(threshold) => Core::Redescending(threshold),
     });
-    match gates.reduce(f64::min) {
-        Some(limit) => Core::Gate(limit),
-        None => Core::None,
-    }
+    each.fold(Core::None, tighter)
 }

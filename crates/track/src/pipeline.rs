@@ -134,5 +134,6 @@ pub fn track(
         pipeline.push(packet.clone(), &mut trail).map_err(named(line))?;
     }
     pipeline.finish(&mut trail).map_err(named(line))?;
+    trail.restarts = pipeline.tracker.restarts();
     Ok(TargetTrail { target: packets.target.clone(), trail, link: pipeline.link.report() })
 }

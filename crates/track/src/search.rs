@@ -7,16 +7,18 @@ use crate::model::Model;
 use crate::packet::{Content, Kind, Packet};
 use crate::tracker::Step;
 use fixtrail_core::estimators::fms::newton::{ColdStart, MOST_ROWS, Newton, WindowModel};
-use fixtrail_core::estimators::kalman;
+use fixtrail_core::estimators::kalman::{self, Robust};
 use fixtrail_core::estimators::smoother::Arrive;
 use fixtrail_core::linalg::{compress, semidefinite_factor};
-use fixtrail_core::{Belief, Row, Transition, Vector};
+use fixtrail_core::{Belief, Matrix, Row, Transition, Vector};
 use std::collections::VecDeque;
 
 /// Most instants that the start looks back over; older ones are forgotten.
 const START_INSTANTS: usize = 64;
+/// Standard deviations by which a robust start may miss a measurement.
+const MISSED: f64 = 3.0;
 /// Largest share of a standard deviation by which one standard deviation of the start may bend model or sensors.
-const BENT: f64 = 0.3;
+pub(crate) const BENT: f64 = 0.3;
 
 /// One instant of a nonlinear window with its packets.
 #[derive(Clone)]
@@ -164,13 +166,7 @@ impl<const N: usize> Search<N> {
         record: Option<&mut Vec<Linearised<N>>>,
     ) -> Result<Option<Found<N>>, StepError> {
         self.kept.push_back(Kept::new(step, dt_s, Vec::new()));
-        let solution = if enough(model.layout.axes, self.kept.iter()) {
-            let cold = cold_start(model, self.kept.iter());
-            let mut view = KeptWindow { model, kept: &self.kept, rows: &mut self.rows };
-            self.newton.solve(&mut view, self.kept.len(), None, &cold).map_err(StepError::Core)?.filter
-        } else {
-            None
-        };
+        let solution = self.solve(model)?;
         self.found = solution.is_some();
         let full = self.kept.len() == START_INSTANTS;
         let Some(belief) = solution else {
@@ -191,6 +187,68 @@ impl<const N: usize> Search<N> {
         Ok(Some(Found { belief, settled }))
     }
 
+    /// The newest state as the window determines it; a robust one only once the window has rows to spare and agrees with itself.
+    ///
+    /// The measurement that misses by most of its standard deviations is taken out of the window and the rest solved again, until none
+    /// misses by more than three (data snooping \[BAA68\]) or a quarter is gone: then the window is left whole and determines nothing. A
+    /// full window is taken as it is: its sensors are noisier than the model says.
+    fn solve(&mut self, model: &Model<N>) -> Result<Option<Belief<N>>, StepError> {
+        let robust = model.robust != Robust::None && self.kept.len() < START_INSTANTS;
+        let whole = robust.then(|| (self.kept.clone(), self.newton.clone()));
+        let mut taken_out = 0;
+        let found = loop {
+            if !enough(model.layout.axes, self.kept.iter()) {
+                break None;
+            }
+            let cold = cold_start(model, self.kept.iter());
+            let mut view = KeptWindow { model, kept: &self.kept, rows: &mut self.rows };
+            let belief = self.newton.solve(&mut view, self.kept.len(), None, &cold).map_err(StepError::Core)?.filter;
+            if !robust || belief.is_none() {
+                break belief;
+            }
+            let (count, worst) = self.worst(model);
+            if count < 2 * N {
+                break None;
+            }
+            match worst {
+                Some((_, _, missed)) if missed > MISSED => {
+                    if 4 * (taken_out + 1) > count + taken_out {
+                        break None;
+                    }
+                    let (i, j, _) = worst.unwrap_or_default();
+                    self.kept[i].packets.remove(j);
+                    taken_out += 1;
+                    self.newton.clear();
+                }
+                _ => break belief,
+            }
+        };
+        if let (None, Some((kept, newton))) = (&found, whole) {
+            (self.kept, self.newton) = (kept, newton);
+        }
+        Ok(found)
+    }
+
+    /// Number of rows in the window, and the packet that misses its solution by most standard deviations: instant, packet, how many.
+    fn worst(&mut self, model: &Model<N>) -> (usize, Option<(usize, usize, f64)>) {
+        let mut worst: Option<(usize, usize, f64)> = None;
+        let mut count = 0;
+        for (i, (kept, x)) in self.kept.iter().zip(self.newton.nominal()).enumerate() {
+            for j in 0..kept.packets.len() {
+                self.rows.clear();
+                model.sensing.rows(&Step::new(kept.k, kept.t_s, &kept.packets[j..=j]), x, &mut self.rows);
+                count += self.rows.len();
+                for row in &self.rows {
+                    let missed = row.residual.abs() / row.var.sqrt();
+                    if worst.is_none_or(|(_, _, most)| missed > most) {
+                        worst = Some((i, j, missed));
+                    }
+                }
+            }
+        }
+        (count, worst)
+    }
+
     /// Whether motion and sensors are as good as linear over the belief's spread. The window linearises again with every instant, a
     /// filter that goes on from its result does not: handed a turn rate known to 10 rad/s it would be sure of a wrong one for ever.
     ///
@@ -201,27 +259,15 @@ impl<const N: usize> Search<N> {
         let leap = |x: &Vector<N>| model.motion.leap(step.k, horizon_s, &Vector::zeros(), x);
         let straight = leap(&belief.mean);
         let ahead = kalman::predict(belief, &straight);
-        let mut rows = Vec::new();
-        model.sensing.rows(step, &belief.mean, &mut rows);
         let root = semidefinite_factor(&belief.cov);
         for j in 0..2 * N {
-            let sigma = root.column(j / 2) * if j % 2 == 0 { 1.0 } else { -1.0 };
-            let x = belief.mean + sigma;
-            let bend = leap(&x).next - straight.next - straight.f * sigma;
+            let sigma = deviation(&root, j);
+            let bend = leap(&(belief.mean + sigma)).next - straight.next - straight.f * sigma;
             if (0..N).any(|i| bend[i].abs() > BENT * ahead.cov[(i, i)].sqrt()) {
                 return false;
             }
-            self.rows.clear();
-            model.sensing.rows(step, &x, &mut self.rows);
-            for (row, moved) in rows.iter().zip(&self.rows) {
-                let bend = row.residual - moved.residual - row.h.dot(&sigma);
-                let var = row.h.dot(&(belief.cov * row.h)) + row.var;
-                if bend.abs() > BENT * var.sqrt() {
-                    return false;
-                }
-            }
         }
-        true
+        is_nearly_linear(model, step, belief, BENT, &mut self.rows)
     }
 
     /// Appends the instants kept when the data end: linearised where the window determines them, forgotten otherwise.
@@ -248,6 +294,40 @@ impl<const N: usize> Search<N> {
             record.push(Linearised { nominal: nominal[i], arrive, rows, forgotten: false });
         }
     }
+}
+
+/// One standard deviation along column `j / 2` of a factor of the covariance, forth and back.
+fn deviation<const N: usize>(root: &Matrix<N, N>, j: usize) -> Vector<N> {
+    root.column(j / 2) * if j.is_multiple_of(2) { 1.0 } else { -1.0 }
+}
+
+/// Whether an instant's measurements are as good as linear over a belief's spread: one standard deviation along each column of
+/// `P = L Lᵀ`, either way, bends each of them by at most `most` of its innovation's standard deviation.
+pub(crate) fn is_nearly_linear<const N: usize>(
+    model: &Model<N>,
+    step: &Step<'_>,
+    belief: &Belief<N>,
+    most: f64,
+    scratch: &mut Vec<Row<N>>,
+) -> bool {
+    scratch.clear();
+    model.sensing.rows(step, &belief.mean, scratch);
+    let count = scratch.len();
+    let root = semidefinite_factor(&belief.cov);
+    for j in 0..2 * N {
+        let sigma = deviation(&root, j);
+        scratch.truncate(count);
+        model.sensing.rows(step, &(belief.mean + sigma), scratch);
+        let (rows, moved) = scratch.split_at(count);
+        for (row, moved) in rows.iter().zip(moved) {
+            let bend = row.residual - moved.residual - row.h.dot(&sigma);
+            let var = row.h.dot(&(belief.cov * row.h)) + row.var;
+            if bend.abs() > most * var.sqrt() {
+                return false;
+            }
+        }
+    }
+    true
 }
 
 fn forgotten<const N: usize>() -> Linearised<N> {

@@ -46,6 +46,11 @@ pub trait Tracker: Send {
     /// A copy that goes its own way.
     fn boxed_clone(&self) -> Box<dyn Tracker>;
 
+    /// How often a lost track was given up and started anew; 0 of estimators that never do.
+    fn restarts(&self) -> u64 {
+        0
+    }
+
     /// Takes one instant and hands on the fixes that it settles.
     ///
     /// # Errors

@@ -37,6 +37,8 @@ pub struct Trail {
     pub nis_dof: Vec<u32>,
     /// The smoother's columns, when both were asked for.
     pub lagged: Option<LaggedColumns>,
+    /// How often the track was lost, given up and started anew.
+    pub restarts: u64,
 }
 
 impl Trail {
@@ -52,6 +54,7 @@ impl Trail {
             nis: Vec::new(),
             nis_dof: Vec::new(),
             lagged: with_lagged.then(LaggedColumns::default),
+            restarts: 0,
         }
     }
 

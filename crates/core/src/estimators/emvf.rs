@@ -126,7 +126,8 @@ impl<const N: usize, const M: usize> Emvf<N, M> {
         let (d, gain, form) = step.take(&self.form, shown)?;
         let innovation = shown.innovation(&expected);
         let mean = leap.next + gain * innovation;
-        let evidence = Evidence { nis: shown.normalised(&d, &innovation)?, dof: shown.count(), rejected: 0 };
+        let evidence =
+            Evidence { nis: shown.normalised(&d, &innovation)?, dof: shown.count(), rejected: 0, misfits: 0 };
         finite(&mean, &form.cov())?;
 
         self.moment = self.moment.leap(leap, &Vector::zeros());

@@ -77,7 +77,7 @@ impl<const N: usize, const M: usize> Gpb1<N, M> {
         self.joint = joint;
         Ok(Weighed {
             fresh: weight,
-            evidence: Evidence { nis: e.dot(&(inverse * e)), dof: shown.count(), rejected: 0 },
+            evidence: Evidence { nis: e.dot(&(inverse * e)), dof: shown.count(), rejected: 0, misfits: 0 },
         })
     }
 }

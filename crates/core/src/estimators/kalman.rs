@@ -15,13 +15,49 @@
 use crate::types::{Belief, Matrix, Row, StepError, Transition, Vector};
 
 /// What an update does with a row that does not fit.
+///
+/// A gate judges a row given the rows before it. The other two weigh it by `ν = e/√s` given the prediction alone, before any row of the
+/// instant is taken, so that the order of rows does not matter:
+///
+/// ```text
+/// x = x⁻ + P⁻h/√s · ψ(ν),   ψ(ν) = w(ν) ν          the robust update of [MAM77]
+/// s/w = hᵀP⁻h + r'   with   r' = r + s (1/w − 1)   the same as an ordinary update by a row of variance r'
+/// ```
+///
+/// With several rows at one instant each has the variance r' of its own, and they are taken as ordinary rows are.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Robust {
     /// Uses every row as it is.
     None,
     /// Leaves a row out when `e²/s` exceeds the threshold.
     Gate(f64),
+    /// Huber's weight `min(1, c/|ν|)` \[HUB64\]: no row moves the state by more than `c P⁻h/√s`. At c = 1.345 the mean of normal data
+    /// loses 5 % of its efficiency.
+    Huber(f64),
+    /// Tukey's biweight `(1 − ν²/c²)²` \[BTU74\], 0 from |ν| = c on: the row is left out. It is smooth and, unlike the Cauchy and Student
+    /// weights, reaches 0. At c = 4.685 the mean of normal data loses 5 % of its efficiency.
+    Redescending(f64),
 }
+
+impl Robust {
+    /// Returns the weight of a row by its squared normalised innovation `ν²`, from 0 (left out) to 1 (used as it is).
+    #[inline(always)]
+    pub fn weight(&self, fit: f64) -> f64 {
+        match *self {
+            Robust::None => 1.0,
+            Robust::Gate(limit) => f64::from(u8::from(!(fit > limit))),
+            Robust::Huber(c) if fit > c * c => c / libm::sqrt(fit),
+            Robust::Huber(_) => 1.0,
+            Robust::Redescending(c) => {
+                let rest = 1.0 - fit / (c * c);
+                if rest > 0.0 { rest * rest } else { 0.0 }
+            }
+        }
+    }
+}
+
+/// Squared normalised innovation above which a row counts as a misfit: three standard deviations.
+pub const MISFIT: f64 = 9.0;
 
 /// What the measurements of one instant said of the prediction.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
@@ -30,8 +66,10 @@ pub struct Evidence {
     pub nis: f64,
     /// Number of scalar rows behind `nis`.
     pub dof: u32,
-    /// Rows left out.
+    /// Rows left out: of weight 0.
     pub rejected: u32,
+    /// Rows further than three standard deviations from what was expected of them, [`MISFIT`].
+    pub misfits: u32,
 }
 
 /// One row's innovation, given the rows before it.
@@ -43,6 +81,8 @@ pub struct Innovation {
     pub e: f64,
     /// Its variance.
     pub s: f64,
+    /// The row's noise variance as it was used: inflated where the row has a weight below 1.
+    pub var: f64,
 }
 
 impl Innovation {
@@ -106,25 +146,40 @@ pub fn update_noting<const N: usize>(
     let mut evidence = Evidence::default();
     for (i, row) in rows.iter().enumerate() {
         let ph = cov * row.h;
-        let s = row.h.dot(&ph) + row.var;
+        let mut s = row.h.dot(&ph) + row.var;
         if !(s > 0.0 && s.is_finite()) {
             return Err(StepError::InnovationVariance { var: s });
         }
         let e = row.residual - row.h.dot(&correction);
-        let inverse = 1.0 / s;
-        let fit = e * e * inverse;
+        let mut inverse = 1.0 / s;
+        let mut fit = e * e * inverse;
+        let mut var = row.var;
         evidence.nis += fit;
         evidence.dof += 1;
+        if let Robust::Huber(_) | Robust::Redescending(_) = robust {
+            let alone = row.h.dot(&(prior.cov * row.h)) + row.var;
+            fit = row.residual * row.residual / alone;
+            let weight = robust.weight(fit);
+            // An infinite variance is that of a row left out.
+            var += alone * (1.0 / weight - 1.0);
+            s += var - row.var;
+            inverse = 1.0 / s;
+        }
+        evidence.misfits += u32::from(fit > MISFIT);
         if let Robust::Gate(limit) = robust
             && fit > limit
         {
             evidence.rejected += 1;
             continue;
         }
-        used(Innovation { row: i, e, s });
+        if s == f64::INFINITY {
+            evidence.rejected += 1;
+            continue;
+        }
+        used(Innovation { row: i, e, s, var });
         let gain = ph * inverse;
         correction += gain * e;
-        cov = joseph(&cov, &row.h, row.var, &ph, s);
+        cov = joseph(&cov, &row.h, var, &ph, s);
     }
     let mean = prior.mean + correction;
     finite(&mean, &cov)?;

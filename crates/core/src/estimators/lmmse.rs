@@ -131,7 +131,7 @@ impl<const N: usize, const M: usize> Lmmse<N, M> {
         }
         self.joint = joint;
         self.last = *sensed;
-        let evidence = Evidence { nis: e.dot(&(inverse * e)), dof: rank as u32, rejected: 0 };
+        let evidence = Evidence { nis: e.dot(&(inverse * e)), dof: rank as u32, rejected: 0, misfits: 0 };
         Ok(Predicted { y, cov, gain, evidence })
     }
 }

@@ -96,7 +96,8 @@ impl<const N: usize, const M: usize> Lmvf<N, M> {
         let mean = leap.next + gain * innovation;
         finite(&mean, &form.cov())?;
 
-        let evidence = Evidence { nis: shown.normalised(&d, &innovation)?, dof: shown.count(), rejected: 0 };
+        let evidence =
+            Evidence { nis: shown.normalised(&d, &innovation)?, dof: shown.count(), rejected: 0, misfits: 0 };
         self.moment = self.moment.leap(leap, &drive);
         self.before = Some(Before { sensed: self.last, f: leap.f, q: leap.q, drive });
         self.last = *sensed;

@@ -311,6 +311,10 @@ pub enum Robust {
     None,
     /// Leaves it out when its squared innovation over its variance exceeds `gate` (default 9).
     Gate(f64),
+    /// Limits its pull beyond `threshold` standard deviations (default 1.345).
+    Huber(f64),
+    /// Lets its pull go to zero at `threshold` standard deviations (default 4.685).
+    Redescending(f64),
 }
 
 impl EstimatorSpec {

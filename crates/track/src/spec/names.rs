@@ -81,10 +81,12 @@ pub const CHANNELS: &[Named] = &[
 ];
 
 /// `sensor.robust`.
-pub(super) const ROBUST: &[Named] = &[("none", "uses every measurement"), ("gate", "leaves out what does not fit")];
-
-/// `sensor.robust`, one day.
-pub(super) const LATER_ROBUST: &[&str] = &["huber", "redescending"];
+pub(super) const ROBUST: &[Named] = &[
+    ("none", "uses every measurement"),
+    ("gate", "leaves out what does not fit"),
+    ("huber", "limits the pull of what does not fit"),
+    ("redescending", "lets the pull of what does not fit go to zero"),
+];
 
 /// `estimator.align`.
 pub(super) const ALIGNMENTS: &[Named] = &[("filtered", "ends at z_k"), ("predicted", "ends at z_{k-1}")];

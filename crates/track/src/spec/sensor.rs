@@ -1,6 +1,6 @@
 //! `[sensor]` or `[[sensor]]`: what measures the targets.
 
-use super::names::{LATER_ROBUST, ROBUST, SENSORS, choose};
+use super::names::{ROBUST, SENSORS, choose};
 use super::value::{Field, Table};
 use super::{ModelSpec, Robust, SensorSpec};
 use crate::error::BuildError;
@@ -10,6 +10,10 @@ use std::collections::BTreeMap;
 
 /// Threshold of `robust = "gate"` when none is given: three standard deviations.
 const DEFAULT_GATE: f64 = 9.0;
+/// Threshold of `robust = "huber"` when none is given: normal data lose 5 % of their efficiency.
+const DEFAULT_HUBER: f64 = 1.345;
+/// Threshold of `robust = "redescending"` when none is given: the same 5 % for the biweight.
+const DEFAULT_BIWEIGHT: f64 = 4.685;
 
 /// The sensors of the spec `root`, if they suit `model`.
 pub(super) fn sensors(root: &Table<'_>, model: &ModelSpec) -> Result<Vec<SensorSpec>, BuildError> {
@@ -39,13 +43,17 @@ pub(super) fn sensors(root: &Table<'_>, model: &ModelSpec) -> Result<Vec<SensorS
             let what = format!("is {:?} a second time, expected one `[[sensor]]` of each kind", sensor.kind.name());
             return Err(table.error("kind", what));
         }
+        if sensors.iter().any(|other| !may_stand_beside(other.robust, sensor.robust)) {
+            let what = "differs from another sensor's, expected one kind of `robust` for all sensors that have one";
+            return Err(table.error("robust", what));
+        }
         sensors.push(sensor);
     }
     Ok(sensors)
 }
 
 /// Keys that every sensor takes.
-const COMMON: &[&str] = &["kind", "sd", "latency_s", "robust", "gate"];
+const COMMON: &[&str] = &["kind", "sd", "latency_s", "robust", "gate", "threshold"];
 
 fn sensor(table: &Table<'_>, axes: usize) -> Result<SensorSpec, BuildError> {
     let kind_field = table.require("kind", "\"position\", \"range\", \"rssi\", \"tdoa\" or \"bearing\"")?;
@@ -81,6 +89,12 @@ fn sensor(table: &Table<'_>, axes: usize) -> Result<SensorSpec, BuildError> {
     })
 }
 
+/// Rows of one instant are judged in one way: sensors may differ in the threshold, not in the kind.
+fn may_stand_beside(a: Robust, b: Robust) -> bool {
+    let none = |r: Robust| r == Robust::None;
+    none(a) || none(b) || core::mem::discriminant(&a) == core::mem::discriminant(&b)
+}
+
 fn path_loss(sensor: &Table<'_>) -> Result<PathLoss, BuildError> {
     let expected = "a table such as { exponent = 2.5, at_1m_dbm = -40 }";
     let table = sensor.require("path_loss", expected)?.table(expected)?;
@@ -101,13 +115,26 @@ fn bias(field: &Field<'_>, unit: &str) -> Result<BTreeMap<String, f64>, BuildErr
 }
 
 fn robust(table: &Table<'_>) -> Result<Robust, BuildError> {
-    let name = table.get("robust").map_or(Ok("none"), |field| choose(&field, ROBUST, LATER_ROBUST))?;
-    match (name, table.get("gate")) {
-        ("gate", None) => Ok(Robust::Gate(DEFAULT_GATE)),
-        ("gate", Some(field)) => field
-            .number("a positive finite number, the largest squared innovation over its variance", |v| v > 0.0)
-            .map(Robust::Gate),
-        (_, None) => Ok(Robust::None),
-        (_, Some(field)) => Err(field.misfit("no `gate`, or `robust = \"gate\"` beside it")),
+    let name = table.get("robust").map_or(Ok("none"), |field| choose(&field, ROBUST, &[]))?;
+    if let (Some(field), true) = (table.get("gate"), name != "gate") {
+        return Err(field.misfit("no `gate`, or `robust = \"gate\"` beside it"));
     }
+    let weighted = matches!(name, "huber" | "redescending");
+    if let (Some(field), false) = (table.get("threshold"), weighted) {
+        return Err(field.misfit("no `threshold`, or `robust` \"huber\" or \"redescending\" beside it"));
+    }
+    let number = |key: &str, default: f64, expected: &str| {
+        table.get(key).map_or(Ok(default), |field| field.number(expected, |v| v > 0.0))
+    };
+    let deviations = "a positive finite number of standard deviations";
+    Ok(match name {
+        "gate" => Robust::Gate(number(
+            "gate",
+            DEFAULT_GATE,
+            "a positive finite number, the largest squared innovation over its variance",
+        )?),
+        "huber" => Robust::Huber(number("threshold", DEFAULT_HUBER, deviations)?),
+        "redescending" => Robust::Redescending(number("threshold", DEFAULT_BIWEIGHT, deviations)?),
+        _ => Robust::None,
+    })
 }

@@ -253,16 +253,16 @@ fn own_sd(out: &mut String, kind: &KindSurvey) -> core::fmt::Result {
     }
 }
 
-/// Gross errors can be gated out. Not by default: a gate closes on good data too when a run starts on bad ones.
+/// Gross errors can be kept from pulling. Not by default: on data without any it costs some accuracy.
 fn robust(out: &mut String, kind: &KindSurvey) -> core::fmt::Result {
     if kind.outliers as f64 > 1e-4 * kind.rows as f64 {
         let (outliers, rows) = (kind.outliers, kind.rows);
         writeln!(
             out,
-            "# {outliers} of {rows} values lie far from their neighbours. The next line would leave out what misses its"
+            "# {outliers} of {rows} values lie far from their neighbours. The next line would limit what pulls by"
         )?;
-        writeln!(out, "# prediction by more than 3 deviations, and everything once a track is lost.")?;
-        writeln!(out, "# robust = \"gate\"")?;
+        writeln!(out, "# more than 1.3 deviations, and start a lost track anew.")?;
+        writeln!(out, "# robust = \"huber\"")?;
     }
     Ok(())
 }

@@ -9,7 +9,7 @@ use crate::model::Model;
 use crate::spec::Span;
 use crate::tracker::{Step, Tracker};
 use crate::trackers::{LaggedMode, Meta, emit, emit_smoothed};
-use fixtrail_core::estimators::smoother::{Backward, Forward, Instant};
+use fixtrail_core::estimators::smoother::{Backward, Forward, Instant, StartState};
 use fixtrail_core::{Belief, Row, Vector};
 use std::collections::VecDeque;
 
@@ -21,6 +21,8 @@ struct Held<const N: usize> {
     instant: Instant<N>,
     rows: Vec<Row<N>>,
     forgotten: bool,
+    /// Which start it belongs to, from 1.
+    start: u64,
 }
 
 /// Fixed-lag smoother. The forward pass keeps an unknown start exact for ever, so instants before the filter knew the state are
@@ -31,6 +33,10 @@ pub struct FixedLag<const N: usize> {
     lag: Span,
     mode: LaggedMode,
     forward: Option<Forward<N>>,
+    /// Number of the forward pass's start, from 1.
+    start: u64,
+    /// Earlier starts of which instants are still held, at their end.
+    ended: VecDeque<(u64, StartState<N>)>,
     /// Instants whose linearisation is not settled.
     open: VecDeque<Meta>,
     held: VecDeque<Held<N>>,
@@ -45,6 +51,8 @@ impl<const N: usize> FixedLag<N> {
             lag,
             mode,
             forward: None,
+            start: 0,
+            ended: VecDeque::new(),
             open: VecDeque::new(),
             held: VecDeque::new(),
             record: Vec::new(),
@@ -57,7 +65,15 @@ impl<const N: usize> FixedLag<N> {
             let Some(meta) = self.open.pop_front() else { break };
             let mut instant = Instant::zero();
             if !at.forgotten {
-                let prior = self.filter.model.prior.map(|p| Belief { mean: p.mean - at.nominal, cov: p.cov });
+                if at.begins() {
+                    if let Some(forward) = self.forward.take() {
+                        self.ended.push_back((self.start, forward.start_state()));
+                    }
+                    self.start += 1;
+                }
+                // The prior is that of the run's first instant.
+                let prior = self.filter.model.prior.filter(|_| self.start == 1);
+                let prior = prior.map(|p| Belief { mean: p.mean - at.nominal, cov: p.cov });
                 let fresh = self.forward.is_none();
                 let forward = self.forward.get_or_insert_with(|| Forward::start(prior.as_ref()));
                 instant = forward.leap(at.arrive.as_ref().filter(|_| !fresh));
@@ -66,7 +82,7 @@ impl<const N: usize> FixedLag<N> {
                 }
             }
             let Linearised { nominal, rows, forgotten, .. } = at;
-            let held = Held { meta, nominal, instant, rows, forgotten };
+            let held = Held { meta, nominal, instant, rows, forgotten, start: self.start };
             self.held.push_back(held);
         }
     }
@@ -77,20 +93,22 @@ impl<const N: usize> FixedLag<N> {
         if count == 0 {
             return out;
         }
-        let Some(start) = self.forward.as_ref().map(Forward::start_state) else { return out };
-        let mut backward = Backward::new(&start);
-        for (i, held) in self.held.iter().enumerate().rev() {
-            if held.forgotten {
-                break;
+        let Some(newest) = self.forward.as_ref().map(Forward::start_state) else { return out };
+        // Newest first; at the beginning of a start nothing goes on to the instants before it.
+        let starts = core::iter::once((self.start, newest)).chain(self.ended.iter().rev().copied());
+        for (number, start) in starts {
+            let mut backward = Backward::new(&start);
+            let of_it = self.held.iter().enumerate().rev().filter(|(_, h)| h.start == number && !h.forgotten);
+            for (i, held) in of_it {
+                for row in &held.rows {
+                    backward.row(row);
+                }
+                if i < count {
+                    let belief = backward.smoothed(&held.instant);
+                    out[i] = belief.map(|b| Belief { mean: b.mean + held.nominal, cov: b.cov });
+                }
+                backward.leap(&held.instant.arrive);
             }
-            for row in &held.rows {
-                backward.row(row);
-            }
-            if i < count {
-                let belief = backward.smoothed(&held.instant);
-                out[i] = belief.map(|b| Belief { mean: b.mean + held.nominal, cov: b.cov });
-            }
-            backward.leap(&held.instant.arrive);
         }
         out
     }
@@ -114,6 +132,10 @@ impl<const N: usize> Tracker for FixedLag<N> {
         &self.filter.model.layout
     }
 
+    fn restarts(&self) -> u64 {
+        self.filter.restarts()
+    }
+
     fn boxed_clone(&self) -> Box<dyn Tracker> {
         Box::new(self.clone())
     }
@@ -134,6 +156,8 @@ impl<const N: usize> Tracker for FixedLag<N> {
             }
         }
         self.held.drain(..due);
+        let oldest = self.held.front().map_or(self.start, |h| h.start);
+        self.ended.retain(|(number, _)| *number >= oldest);
         Ok(())
     }
 

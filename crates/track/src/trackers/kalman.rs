@@ -26,6 +26,10 @@ impl<const N: usize> Tracker for Kalman<N> {
         &self.filter.model.layout
     }
 
+    fn restarts(&self) -> u64 {
+        self.filter.restarts()
+    }
+
     fn boxed_clone(&self) -> Box<dyn Tracker> {
         Box::new(self.clone())
     }

@@ -26,35 +26,54 @@ impl<const N: usize> Rts<N> {
         Self { filter: Filter::new(model), mode, metas: Vec::new(), run: Vec::new() }
     }
 
-    /// Smoothed beliefs of the run; `None` where the data do not determine them.
+    /// Smoothed beliefs of the run; `None` where the data do not determine them. Each start is smoothed by itself.
     fn smoothed(&self) -> Vec<Option<Belief<N>>> {
         let mut out = vec![None; self.run.len()];
-        let first = self.run.iter().take_while(|l| l.forgotten).count();
-        let run = &self.run[first..];
-        let Some(oldest) = run.first() else { return out };
-        let prior = self.filter.model.prior.map(|p| Belief { mean: p.mean - oldest.nominal, cov: p.cov });
-        let mut forward = Forward::start(prior.as_ref());
-        let mut instants: Vec<Instant<N>> = Vec::with_capacity(run.len());
-        let mut rows = Vec::new();
-        for at in run {
-            let mut instant = forward.leap(at.arrive.as_ref().filter(|_| !instants.is_empty()));
-            for row in &at.rows {
-                forward.update(row);
+        let mut first = 0;
+        while first < self.run.len() {
+            if self.run[first].forgotten {
+                first += 1;
+                continue;
             }
-            rows.extend_from_slice(&at.rows);
-            instant.rows = at.rows.len();
-            instants.push(instant);
+            let rest = &self.run[first + 1..];
+            let len = 1 + rest.iter().take_while(|l| !l.forgotten && !l.begins()).count();
+            // The prior is that of the run's first instant.
+            let prior = self.filter.model.prior.filter(|_| first == 0);
+            segment(&self.run[first..first + len], prior, &mut out[first..first + len]);
+            first += len;
         }
-        smooth(&forward.start_state(), &instants, &rows, |i, belief| {
-            out[first + i] = belief.map(|b| Belief { mean: b.mean + run[i].nominal, cov: b.cov });
-        });
         out
     }
+}
+
+/// Smooths the instants of one start into `out`.
+fn segment<const N: usize>(run: &[Linearised<N>], prior: Option<Belief<N>>, out: &mut [Option<Belief<N>>]) {
+    let Some(oldest) = run.first() else { return };
+    let prior = prior.map(|p| Belief { mean: p.mean - oldest.nominal, cov: p.cov });
+    let mut forward = Forward::start(prior.as_ref());
+    let mut instants: Vec<Instant<N>> = Vec::with_capacity(run.len());
+    let mut rows = Vec::new();
+    for at in run {
+        let mut instant = forward.leap(at.arrive.as_ref().filter(|_| !instants.is_empty()));
+        for row in &at.rows {
+            forward.update(row);
+        }
+        rows.extend_from_slice(&at.rows);
+        instant.rows = at.rows.len();
+        instants.push(instant);
+    }
+    smooth(&forward.start_state(), &instants, &rows, |i, belief| {
+        out[i] = belief.map(|b| Belief { mean: b.mean + run[i].nominal, cov: b.cov });
+    });
 }
 
 impl<const N: usize> Tracker for Rts<N> {
     fn layout(&self) -> &Layout {
         &self.filter.model.layout
+    }
+
+    fn restarts(&self) -> u64 {
+        self.filter.restarts()
     }
 
     fn boxed_clone(&self) -> Box<dyn Tracker> {

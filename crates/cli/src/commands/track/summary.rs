@@ -37,6 +37,10 @@ impl Summary<'_> {
         LinkSummary::of(&self.spec.spec, &self.outcome.trails)
     }
 
+    fn restarts(&self) -> u64 {
+        self.outcome.trails.iter().map(|t| t.trail.restarts).sum()
+    }
+
     fn rows_per_s(&self) -> Option<f64> {
         let used: usize = self.table.targets.iter().map(|t| t.packets.len()).sum();
         (self.outcome.seconds > 0.0).then(|| used as f64 / self.outcome.seconds)
@@ -94,6 +98,12 @@ impl Summary<'_> {
             short(self.outcome.seconds),
             by_status.join(", ")
         ));
+        if self.restarts() > 0 {
+            lines.push(format!(
+                "{}, lost or out of sight for long: the track was started anew",
+                counted(self.restarts(), "time")
+            ));
+        }
         if let Some(report) = &self.arguments.report {
             lines.push(format!("{}: the report, opens in any browser", report.display()));
         }
@@ -132,6 +142,7 @@ impl Summary<'_> {
             "unused_kinds": self.unused,
             "link": self.link().json(),
             "fixes": fixes,
+            "restarts": self.restarts(),
             "origin": self.table.origin.as_ref().map(|o| json!({ "lat": o.lat_deg, "lon": o.lon_deg, "alt": o.alt_m })),
             "seconds": self.outcome.seconds,
             "rows_per_s": self.rows_per_s(),

@@ -188,6 +188,22 @@ fn sensors_of_anchors_other_than_ranges_have_their_keys() {
 }
 
 #[test]
+fn robust_sensors_have_their_thresholds() {
+    for (text, expected) in [
+        ("robust = \"huber\"", Robust::Huber(1.345)),
+        ("robust = \"huber\"\nthreshold = 2", Robust::Huber(2.0)),
+        ("robust = \"redescending\"", Robust::Redescending(4.685)),
+        ("robust = \"redescending\"\nthreshold = 6.0", Robust::Redescending(6.0)),
+        ("robust = \"none\"", Robust::None),
+    ] {
+        let spec = good(&format!(
+            "[model]\nkind = \"constant-velocity\"\nnoise = 1\n[sensor]\nkind = \"range\"\nsd = 1\n{text}"
+        ));
+        assert_eq!(spec.sensors[0].robust, expected, "{text}");
+    }
+}
+
+#[test]
 fn defaults_are_kalman_for_positions_and_no_link_or_columns() {
     let spec = good(CV);
     assert_eq!(spec.estimator, EstimatorSpec::Kalman);
