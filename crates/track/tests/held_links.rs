@@ -280,7 +280,15 @@ fn repeats_are_lost_where_they_are_detected_and_new_where_they_are_kept() {
 }
 
 fn sensor(kind: Kind) -> SensorSpec {
-    SensorSpec { kind, sd: 0.2, bias: BTreeMap::new(), height_m: None, latency_s: 0.0, robust: Robust::None }
+    SensorSpec {
+        kind,
+        sd: 0.2,
+        path_loss: None,
+        bias: BTreeMap::new(),
+        height_m: None,
+        latency_s: 0.0,
+        robust: Robust::None,
+    }
 }
 
 fn anchors(n: usize) -> Anchors {
