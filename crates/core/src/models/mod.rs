@@ -4,12 +4,16 @@
 //! sampling needs nothing special; `leap(x, a)` followed by `leap(x, b)` is `leap(x, a + b)` for the linear ones.
 
 mod coordinated_turn;
+mod drift;
 mod fms_paper;
+mod gauss_markov;
 mod integrators;
 mod linear;
 
 pub use coordinated_turn::CoordinatedTurn;
+pub use drift::Drift;
 pub use fms_paper::FmsPaper;
+pub use gauss_markov::GaussMarkov;
 pub use integrators::Integrators;
 pub use linear::Linear;
 
@@ -30,12 +34,18 @@ pub enum DesignError {
         axes: usize,
     },
     /// The state does not hold `order` derivatives of `axes` axes.
-    #[error("the state has {found} components, expected {expected}")]
+    #[error("the state has {found} components, expected at least {expected}")]
     StateSize {
         /// Components of the state.
         found: usize,
         /// `order · axes`.
         expected: usize,
+    },
+    /// A stationary law without a place or without a positive spread.
+    #[error("axis {axis} has a centre that is not finite, or a standard deviation of 0")]
+    Stationary {
+        /// Which axis, from 0.
+        axis: usize,
     },
     /// A noise density is negative, infinite or not a number.
     #[error("noise density {index} is {psd}, expected a finite number of at least 0")]
