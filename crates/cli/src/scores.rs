@@ -26,10 +26,13 @@ pub fn kind(spec: &Spec, mode: LaggedMode) -> Kind {
 /// A sentence when there is nothing to compare.
 pub fn judge(spec: &Spec, kind: Kind, trails: &[TargetTrail], truth: &[TargetTruth]) -> Result<Score, String> {
     let layout = registry::layout(spec);
+    if let ModelSpec::GaussMarkov(stationary) = &spec.model {
+        return score(trails, &layout, &metrics::gauss_markov(stationary), truth, kind);
+    }
     let noise: Vec<f64> = match &spec.model {
         ModelSpec::Kinematic(k) => k.noise.clone(),
         ModelSpec::Turn(t) => t.noise.to_vec(),
-        ModelSpec::Linear(_) => Vec::new(),
+        ModelSpec::GaussMarkov(_) | ModelSpec::Linear(_) => Vec::new(),
     };
     let predict = metrics::kinematic(&layout, &noise);
     score(trails, &layout, &predict, truth, kind)

@@ -107,6 +107,7 @@ fn sensed(kind: Kind, estimator: EstimatorSpec) -> Spec {
         kind,
         sd: 0.1,
         path_loss: None,
+        drift: None,
         bias: BTreeMap::new(),
         height_m: None,
         latency_s: 0.0,

@@ -71,6 +71,7 @@ fn spec(estimator: EstimatorSpec, robust: Robust, noise: f64, prior: Option<Prio
         kind: Kind::Range,
         sd: SD_M,
         path_loss: None,
+        drift: None,
         bias: BTreeMap::new(),
         height_m: Some(1.0),
         latency_s: 0.0,

@@ -1,7 +1,10 @@
 //! Trails read at the instants of truth.
 
 use super::stats::chi_square_quantile;
+use fixtrail_core::Vector;
+use fixtrail_core::models::GaussMarkov;
 use fixtrail_track::layout::Layout;
+use fixtrail_track::spec::GaussMarkovSpec;
 use fixtrail_track::trail::Trail;
 use fixtrail_track::truth::{TargetTruth, TruthPoint};
 
@@ -94,6 +97,35 @@ pub fn kinematic<'a>(layout: &Layout, noise: &'a [f64]) -> impl Fn(&[f64], &[f64
                 _ => dt_s.powi(5) / 20.0,
             };
             out.cov_m2[i][i] += noise.get(i).copied().unwrap_or(0.0) * share;
+        }
+        out
+    }
+}
+
+/// A [`Predict`] for the stationary motion of a spec, by its own transition ([`GaussMarkov`](fixtrail_core::models::GaussMarkov)).
+pub fn gauss_markov(spec: &GaussMarkovSpec) -> impl Fn(&[f64], &[f64], f64) -> Position + '_ {
+    move |mean, cov, dt_s| {
+        let mut out = Position::default();
+        let (n, axes) = (2 * spec.axes, spec.axes);
+        let mut from_position = [0.0; 3];
+        let mut from_velocity = [0.0; 3];
+        for i in 0..axes {
+            // One axis at a time: the motion does not couple them. The spec has been checked.
+            let (centre, spread, speed) = ([spec.centre_m[i]; 3], [spec.spread_m[i]; 3], [spec.speed_mps[i]; 3]);
+            let Ok(motion) = GaussMarkov::<2>::new(1, centre, spread, speed) else { continue };
+            let leap = motion.leap(&Vector::from([mean[i], mean[axes + i]]), dt_s);
+            out.mean_m[i] = leap.next[0];
+            (from_position[i], from_velocity[i]) = (leap.f[(0, 0)], leap.f[(0, 1)]);
+            out.cov_m2[i][i] = leap.q[(0, 0)];
+        }
+        for i in 0..axes {
+            for j in 0..axes {
+                let (pi, vi, pj, vj) = (from_position[i], from_velocity[i], from_position[j], from_velocity[j]);
+                out.cov_m2[i][j] += pi * pj * packed(cov, n, i, j)
+                    + pi * vj * packed(cov, n, i, axes + j)
+                    + vi * pj * packed(cov, n, axes + i, j)
+                    + vi * vj * packed(cov, n, axes + i, axes + j);
+            }
         }
         out
     }

@@ -8,7 +8,7 @@ mod nis;
 mod row;
 mod stats;
 
-pub use at_truth::{Instant, Kind, Position, Predict, at_truth, kinematic};
+pub use at_truth::{Instant, Kind, Position, Predict, at_truth, gauss_markov, kinematic};
 pub use nis::{Nis, nis};
 pub use row::{Consistency, Errors, ScoreRow};
 pub use stats::{chi_square_quantile, mean_band95};

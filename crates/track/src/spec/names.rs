@@ -31,6 +31,7 @@ pub const MODELS: &[Named] = &[
     ("random-walk", "position driven by white noise, 1 to 3 axes"),
     ("constant-velocity", "velocity driven by white noise, 1 to 3 axes"),
     ("constant-acceleration", "acceleration driven by white noise, 1 to 3 axes"),
+    ("gauss-markov", "about a centre: position and velocity keep to a stationary law, 1 to 3 axes"),
     ("coordinated-turn", "velocity turning at a slowly varying rate, in the plane"),
     ("linear", "matrices A, B, G, C, Q, R from the spec, fixed or step by step"),
     ("fms-paper", "the finite-memory smoother paper's one-axis model: position, velocity, acceleration"),
