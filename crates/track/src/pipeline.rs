@@ -122,6 +122,17 @@ pub fn track(
         }
     };
     let mut line = 0;
+    for packet in arriving(spec, packets) {
+        line = packet.line;
+        pipeline.push(packet.clone(), &mut trail).map_err(named(line))?;
+    }
+    pipeline.finish(&mut trail).map_err(named(line))?;
+    trail.restarts = pipeline.tracker.restarts();
+    Ok(TargetTrail { target: packets.target.clone(), trail, link: pipeline.link.report() })
+}
+
+/// The packets that a spec has sensors for, in the order in which its link takes them.
+pub(crate) fn arriving<'a>(spec: &Spec, packets: &'a TargetPackets) -> Vec<&'a Packet> {
     let mut arriving: Vec<&Packet> = packets.packets.iter().filter(|p| spec.uses(p.content.kind())).collect();
     if let Receiver::Stamped { late_s: Some(_) } = spec.link.receiver {
         // When a packet came: by its reception time where the table has them, else by its row.
@@ -129,11 +140,5 @@ pub fn track(
         let came = |p: &Packet| if timed { p.received_s.unwrap_or(p.t_s) } else { 0.0 };
         arriving.sort_by(|a, b| came(a).total_cmp(&came(b)).then(a.line.cmp(&b.line)));
     }
-    for packet in arriving {
-        line = packet.line;
-        pipeline.push(packet.clone(), &mut trail).map_err(named(line))?;
-    }
-    pipeline.finish(&mut trail).map_err(named(line))?;
-    trail.restarts = pipeline.tracker.restarts();
-    Ok(TargetTrail { target: packets.target.clone(), trail, link: pipeline.link.report() })
+    arriving
 }

@@ -9,6 +9,7 @@ use crate::model::{
     Drifting, LinearModel, Model, Motion, Radios, Sensing, column_vectors, process_noise, robust, row_vectors, square,
 };
 use crate::packet::Kind;
+use crate::predictive::{Carried, Foreteller};
 use crate::simulator::Simulator;
 use crate::spec::{Align, EmvfVariant, EstimatorSpec, LinearSpec, ModelSpec, Prior, Receiver, SensorSpec, Span, Spec};
 use crate::tracker::Tracker;
@@ -68,6 +69,14 @@ pub fn simulator(spec: &Spec, anchors: &Anchors) -> Result<Box<dyn Simulator>, B
     modelled(spec, anchors, Simulating)
 }
 
+/// Builds what foretells measurements by a spec's model and sensors.
+///
+/// # Errors
+/// As [`build`].
+pub(crate) fn foreteller(spec: &Spec, anchors: &Anchors) -> Result<Box<dyn Foreteller>, BuildError> {
+    modelled(spec, anchors, Foretelling)
+}
+
 /// What is made of a model once its dimension is known.
 trait Purpose {
     type Made;
@@ -102,6 +111,16 @@ impl Purpose for Simulating {
             return Err(BuildError::new("spec", None, Some("sensor.drift"), what));
         }
         Ok(Box::new(model))
+    }
+}
+
+struct Foretelling;
+
+impl Purpose for Foretelling {
+    type Made = Box<dyn Foreteller>;
+
+    fn make<const N: usize>(self, model: Model<N>) -> Result<Box<dyn Foreteller>, BuildError> {
+        Ok(Box::new(Carried::new(model)))
     }
 }
 

@@ -1,0 +1,371 @@
+//! How well a causal trail foretells the measurements that come after each of its fixes: a score that needs no truth.
+//!
+//! Every scalar of an instant is judged by the last fix *before* that instant, carried there by the spec's motion, so the estimate has
+//! not seen it, nor anything of its instant:
+//!
+//! ```text
+//! x⁻ = f(x̂)            P⁻ = F P Fᵀ + Q
+//! ν  = z − h(x⁻)       S  = hᵀP⁻h + r
+//! ```
+//!
+//! The score is the mean over all scalars of the logarithm of a contaminated normal density \[TUK60\],
+//!
+//! ```text
+//! p(ν) = 0.95 N(ν; 0, S) + 0.05 N(ν; 0, 100 S).
+//! ```
+//!
+//! Under the normal density alone a scalar 50 standard deviations off costs 1250 and decides the mean of thousands: an estimator that makes
+//! room for one outlier would win over one that foretells all the rest better. Under the mixture it costs 18, and innovations of ordinary
+//! size count as they would without it. A larger score is better, and mean *and* covariance must be right for a large one, unlike for small
+//! innovations, which say nothing of the covariance, and for a small `ν²/S`, which any covariance large enough gives.
+//!
+//! Scalars are judged one by one, not jointly: the density of several would need an update by all but the last, which an outlier among them
+//! would spoil, and their order would matter. Hence they are taken with their own variance `r`, in their own unit; that they may share noise
+//! plays no part. A sum of logarithms of marginal densities still favours the right ones.
+
+use crate::anchors::Anchors;
+use crate::error::BuildError;
+use crate::link::Link;
+use crate::model::{HeldRows, Model};
+use crate::packet::{Kind, Packet};
+use crate::pipeline::arriving;
+use crate::registry;
+use crate::spec::{Receiver, Spec};
+use crate::target::TargetPackets;
+use crate::tracker::Step;
+use crate::trail::Trail;
+use fixtrail_core::estimators::kalman;
+use fixtrail_core::{Belief, Matrix, Vector};
+use std::collections::BTreeMap;
+use std::convert::Infallible;
+
+/// Share of scalars that the density takes for outliers.
+const CONTAMINATION: f64 = 0.05;
+/// Variance of an outlier, in that of a good scalar.
+const INFLATION: f64 = 100.0;
+
+/// One scalar and what the trail foretold of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Foretold {
+    /// Index of the instant.
+    pub k: u64,
+    /// The instant, seconds; absent in a linear run without times.
+    pub t_s: Option<f64>,
+    /// What measured it.
+    pub kind: Kind,
+    /// Measured less foretold, in the unit of the kind.
+    pub innovation: f64,
+    /// Variance foretold of the innovation.
+    pub var: f64,
+}
+
+impl Foretold {
+    /// Logarithm of the contaminated normal density of the innovation; −∞ for an estimate that is no number.
+    pub fn log_density(&self) -> f64 {
+        log_density(self.innovation, self.var)
+    }
+
+    /// `ν²/S`, 1 on average if the trail's covariance is right.
+    pub fn nis(&self) -> f64 {
+        self.innovation * self.innovation / self.var
+    }
+}
+
+/// `ln(0.95 N(ν; 0, S) + 0.05 N(ν; 0, 100 S))`, with the wider density taken out of the sum so that it never vanishes.
+fn log_density(innovation: f64, var: f64) -> f64 {
+    let fit = innovation * innovation / var;
+    let wide = -0.5 * fit / INFLATION;
+    let good = (1.0 - CONTAMINATION) * (-0.5 * fit - wide).exp();
+    let sum = good + CONTAMINATION / INFLATION.sqrt();
+    let log = wide + sum.ln() - 0.5 * (std::f64::consts::TAU * var).ln();
+    if log.is_nan() { f64::NEG_INFINITY } else { log }
+}
+
+/// How large the innovations of one kind are, in its unit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Size {
+    /// Scalars.
+    pub scalars: usize,
+    /// Root mean square innovation.
+    pub rms: f64,
+    /// Median of the innovations without their sign.
+    pub median: f64,
+}
+
+/// How well one or more trails foretold what was measured.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Score {
+    /// Scalars judged.
+    pub scalars: usize,
+    /// Scalars that no estimate came before: until the first fix, and while the state is unobservable.
+    pub unforetold: usize,
+    log_density: f64,
+    nis: f64,
+    /// Innovations without their sign.
+    sizes: BTreeMap<Kind, Vec<f64>>,
+}
+
+impl Score {
+    /// Takes one scalar.
+    pub fn push(&mut self, told: &Foretold) {
+        self.scalars += 1;
+        self.log_density += told.log_density();
+        self.nis += told.nis();
+        self.sizes.entry(told.kind).or_default().push(told.innovation.abs());
+    }
+
+    /// Takes what another score has, as if its scalars had come here.
+    pub fn add(&mut self, other: &Score) {
+        self.scalars += other.scalars;
+        self.unforetold += other.unforetold;
+        self.log_density += other.log_density;
+        self.nis += other.nis;
+        for (kind, sizes) in &other.sizes {
+            self.sizes.entry(*kind).or_default().extend_from_slice(sizes);
+        }
+    }
+
+    /// Mean logarithm of the density per scalar, the larger the better; `None` when nothing was judged.
+    pub fn mean_log_density(&self) -> Option<f64> {
+        self.mean(self.log_density)
+    }
+
+    /// Mean of `ν²/S`, 1 if the covariance is right; a single outlier may decide it.
+    pub fn mean_nis(&self) -> Option<f64> {
+        self.mean(self.nis)
+    }
+
+    fn mean(&self, sum: f64) -> Option<f64> {
+        (self.scalars > 0).then(|| sum / self.scalars as f64)
+    }
+
+    /// How large the innovations are, for every kind that was judged.
+    pub fn sizes(&self) -> impl Iterator<Item = (Kind, Size)> + '_ {
+        self.sizes.iter().filter(|(_, sizes)| !sizes.is_empty()).map(|(kind, sizes)| (*kind, size(sizes)))
+    }
+}
+
+fn size(sizes: &[f64]) -> Size {
+    let n = sizes.len();
+    let mut sorted = sizes.to_vec();
+    let (below, upper, _) = sorted.select_nth_unstable_by(n / 2, f64::total_cmp);
+    let upper = *upper;
+    let median = if n % 2 == 1 { upper } else { 0.5 * (upper + below.iter().copied().fold(0.0, f64::max)) };
+    let rms = (sizes.iter().map(|v| v * v).sum::<f64>() / n as f64).sqrt();
+    Size { scalars: n, rms, median }
+}
+
+/// Scores the causal `trail` that some estimator made of `packets`, by `spec`'s motion and sensors.
+///
+/// `packets` are as tables are read, less the sensors' latency, and become instants as [`track`](crate::pipeline::track) makes them.
+/// `trail` has the state of the spec's model, and its rows must not have seen data later than themselves: the filter's half of a
+/// smoother, never its smoothed rows. Only instants from `from_s` on are scored or counted, all without it; in a linear run without times
+/// `from_s` is an instant's number.
+///
+/// # Errors
+/// [`BuildError`] when the spec makes no model, or its link does not say when values were sensed.
+pub fn score(
+    spec: &Spec,
+    anchors: &Anchors,
+    packets: &TargetPackets,
+    trail: &Trail,
+    from_s: Option<f64>,
+) -> Result<Score, BuildError> {
+    let mut score = Score::default();
+    let unforetold = each(spec, anchors, packets, trail, from_s, &mut |told| score.push(told))?;
+    score.unforetold = unforetold;
+    Ok(score)
+}
+
+/// As [`score`]; hands on the scalars in order of their instants, and returns how many no estimate came before.
+///
+/// # Errors
+/// As [`score`].
+pub fn each(
+    spec: &Spec,
+    anchors: &Anchors,
+    packets: &TargetPackets,
+    trail: &Trail,
+    from_s: Option<f64>,
+    hand_on: &mut dyn FnMut(&Foretold),
+) -> Result<usize, BuildError> {
+    if let Receiver::Unstamped { .. } = spec.link.receiver {
+        let what = "is false: what the receiver holds may be old, and a predictive score expects values of known age";
+        return Err(BuildError::new("spec", None, Some("link.stamped"), what));
+    }
+    let mut foreteller = registry::foreteller(spec, anchors)?;
+    if foreteller.n() != trail.n() {
+        let what = format!("has {} states, the trail has {}", foreteller.n(), trail.n());
+        return Err(BuildError::new("spec", None, Some("model"), what));
+    }
+    let from_s = from_s.unwrap_or(f64::NEG_INFINITY);
+    let mut unforetold = 0;
+    let mut link = Link::new(&spec.link, spec.model.prior().is_some());
+    let mut one = |step: &Step<'_>| -> Result<(), Infallible> {
+        let counts = step.packets.first().is_some_and(|p| p.t_s >= from_s);
+        unforetold += foreteller.step(step, trail, counts.then_some(&mut *hand_on));
+        Ok(())
+    };
+    for packet in arriving(spec, packets) {
+        let Ok(()) = link.push(packet.clone(), &mut one);
+    }
+    let Ok(()) = link.flush(&mut one);
+    Ok(unforetold)
+}
+
+/// A spec's motion and sensors carried along a trail, their dimension erased.
+pub(crate) trait Foreteller {
+    /// Number of state components.
+    fn n(&self) -> usize;
+
+    /// Goes on to the next instant; hands on its scalars, if anyone wants them, and returns how many of them no estimate came before.
+    fn step(&mut self, step: &Step<'_>, trail: &Trail, hand_on: Option<&mut dyn FnMut(&Foretold)>) -> usize;
+}
+
+/// An estimate, and when it was made.
+#[derive(Clone, Copy)]
+struct Known<const N: usize> {
+    k: u64,
+    t_s: Option<f64>,
+    belief: Belief<N>,
+}
+
+/// The only [`Foreteller`].
+pub(crate) struct Carried<const N: usize> {
+    model: Model<N>,
+    /// Rows of the trail that are older than the instant.
+    row: usize,
+    known: Option<Known<N>>,
+    /// The instant before and its input's push.
+    before: Option<(u64, Vector<N>)>,
+    held: HeldRows<N>,
+}
+
+impl<const N: usize> Carried<N> {
+    pub(crate) fn new(model: Model<N>) -> Self {
+        Self { model, row: 0, known: None, before: None, held: HeldRows::default() }
+    }
+
+    /// Takes the newest row of the trail before an instant.
+    fn catch_up(&mut self, step: &Step<'_>, trail: &Trail) {
+        let by_number = self.model.layout.is_linear();
+        let is_before = |row: usize| match (trail.t_s[row], step.t_s) {
+            (Some(row_s), Some(step_s)) if !by_number => row_s < step_s,
+            _ => trail.k[row] < step.k,
+        };
+        let first = self.row;
+        while self.row < trail.len() && is_before(self.row) {
+            self.row += 1;
+        }
+        if self.row > first {
+            let row = self.row - 1;
+            self.known = trail.mean(row).zip(trail.cov(row)).map(|(mean, cov)| Known {
+                k: trail.k[row],
+                t_s: trail.t_s[row],
+                belief: Belief {
+                    mean: Vector::from_column_slice(mean),
+                    cov: Matrix::from_fn(|i, j| cov[Trail::packed_index(N, i.min(j), i.max(j))]),
+                },
+            });
+        }
+    }
+
+    /// The estimate carried to an instant.
+    fn foretell(&self, step: &Step<'_>) -> Option<Belief<N>> {
+        let known = self.known.as_ref()?;
+        let drive = self.before.filter(|(k, _)| *k == known.k).map_or(Vector::zeros(), |(_, drive)| drive);
+        let dt_s = crate::filter::interval(known.t_s, step.t_s);
+        Some(kalman::predict(&known.belief, &self.model.motion.leap(known.k, dt_s, &drive, &known.belief.mean)))
+    }
+
+    /// Hands on the scalars of one packet.
+    fn packet(
+        &mut self,
+        step: &Step<'_>,
+        packet: &[Packet],
+        belief: Option<&Belief<N>>,
+        hand_on: &mut dyn FnMut(&Foretold),
+    ) -> usize {
+        // Where nothing is foretold the values are merely counted.
+        let x = belief.map_or(Vector::zeros(), |b| b.mean);
+        self.held.clear();
+        self.model.sensing.held(&Step::new(step.k, step.t_s, packet), &x, &mut self.held);
+        let q = self.held.values.len();
+        let present = (0..q).filter(|i| self.held.values[*i].is_some());
+        let Some(belief) = belief else { return present.count() };
+        for i in present {
+            let h = &self.held.h[i];
+            hand_on(&Foretold {
+                k: step.k,
+                t_s: step.t_s,
+                kind: packet[0].content.kind(),
+                innovation: self.held.values[i].unwrap_or(f64::NAN) - self.held.expected[i],
+                // What rounding leaves of a variance of 0 may be negative.
+                var: h.dot(&(belief.cov * h)).max(0.0) + self.held.r[i * q + i],
+            });
+        }
+        0
+    }
+}
+
+impl<const N: usize> Foreteller for Carried<N> {
+    fn n(&self) -> usize {
+        N
+    }
+
+    fn step(&mut self, step: &Step<'_>, trail: &Trail, hand_on: Option<&mut dyn FnMut(&Foretold)>) -> usize {
+        self.catch_up(step, trail);
+        let belief = self.foretell(step);
+        let mut unforetold = 0;
+        if let Some(hand_on) = hand_on {
+            for packet in step.packets.chunks(1) {
+                unforetold += self.packet(step, packet, belief.as_ref(), hand_on);
+            }
+        }
+        if self.model.layout.is_linear() {
+            // A trail may leave rows out; the matrices of a linear run are those of one step.
+            self.known = belief.map(|belief| Known { k: step.k, t_s: step.t_s, belief });
+        }
+        self.before = Some((step.k, self.model.drive(step)));
+        unforetold
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn normal(v: f64, var: f64) -> f64 {
+        (-0.5 * v * v / var).exp() / (std::f64::consts::TAU * var).sqrt()
+    }
+
+    #[test]
+    fn the_density_is_the_mixture_and_outliers_cost_little() {
+        for (v, var) in [(0.0, 1.0), (0.3, 0.02), (-4.0, 2.0), (9.0, 1.0)] {
+            let direct = (0.95 * normal(v, var) + 0.05 * normal(v, 100.0 * var)).ln();
+            // A few roundings of numbers of size 10.
+            assert!((log_density(v, var) - direct).abs() < 1e-13, "{v} {var}");
+        }
+        // Both densities are 0 in double precision here.
+        let far = log_density(1e4, 1.0);
+        assert!((far - (-5e5 + 0.005_f64.ln() - 0.5 * std::f64::consts::TAU.ln())).abs() < 1e-8, "{far}");
+        assert_eq!(log_density(f64::NAN, 1.0), f64::NEG_INFINITY);
+    }
+
+    #[test]
+    fn sizes_take_the_middle_and_scores_add_up() {
+        let told = |innovation: f64| Foretold { k: 0, t_s: None, kind: Kind::Range, innovation, var: 4.0 };
+        let of = |values: &[f64]| {
+            let mut score = Score::default();
+            values.iter().for_each(|v| score.push(&told(*v)));
+            score
+        };
+        let mut sum = of(&[-3.0, 1.0]);
+        assert_eq!(sum.sizes().next().unwrap(), (Kind::Range, Size { scalars: 2, rms: 5.0_f64.sqrt(), median: 2.0 }));
+        sum.add(&of(&[2.0]));
+        assert_eq!(sum, of(&[-3.0, 1.0, 2.0]));
+        assert_eq!(sum.sizes().next().unwrap().1.median, 2.0);
+        assert_eq!(sum.mean_nis(), Some(14.0 / 12.0));
+        assert_eq!((Score::default().mean_log_density(), Score::default().sizes().count()), (None, 0));
+    }
+}
