@@ -25,6 +25,7 @@ Examples:
   fixtrail demo                                     a first look, no data needed
   fixtrail check measurements.csv                   what is in the data, and what is wrong with it
   fixtrail track measurements.csv -o trail.csv      measurements in, trail out
+  fixtrail tune measurements.csv -o tuned.toml      numbers of a spec from recordings
 
 Every command explains itself: fixtrail track --help"
 )]
@@ -38,6 +39,7 @@ enum Command {
     Track(commands::track::Arguments),
     Check(commands::check::Arguments),
     Demo(commands::demo::Arguments),
+    Tune(commands::tune::Arguments),
     Simulate(commands::simulate::Arguments),
     Verify(commands::verify::Arguments),
     List(commands::list::Arguments),
@@ -48,6 +50,7 @@ fn main() -> ExitCode {
         Command::Track(arguments) => commands::track::run(&arguments),
         Command::Check(arguments) => commands::check::run(&arguments),
         Command::Demo(arguments) => commands::demo::run(&arguments),
+        Command::Tune(arguments) => commands::tune::run(&arguments),
         Command::Simulate(arguments) => commands::simulate::run(&arguments),
         Command::Verify(arguments) => commands::verify::run(&arguments),
         Command::List(arguments) => commands::list::run(&arguments),

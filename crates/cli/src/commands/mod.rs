@@ -5,4 +5,5 @@ pub mod demo;
 pub mod list;
 pub mod simulate;
 pub mod track;
+pub mod tune;
 pub mod verify;

@@ -44,6 +44,8 @@ pub struct Instant {
     pub error_3d_m: Option<f64>,
     /// `eᵀ P⁻¹ e` of the compared coordinates; `None` without an estimate or with a singular P.
     pub nees: Option<f64>,
+    /// Natural logarithm of the determinant of the compared coordinates' covariance; `None` where there is no `nees`.
+    pub log_det: Option<f64>,
     /// Radius of the claimed 95 % ellipse in the direction of the error, metres: the truth is outside when the error is larger.
     pub radius95_m: Option<f64>,
 }
@@ -212,8 +214,16 @@ fn interpolated(
 fn compared(point: &TruthPoint, axes: usize, position: Option<Position>) -> Instant {
     let dof = axes.min(2);
     let incomplete = point.position_m[..dof].iter().any(Option::is_none);
-    let mut instant =
-        Instant { t_s: point.t_s, incomplete, dof, offset_m: None, error_3d_m: None, nees: None, radius95_m: None };
+    let mut instant = Instant {
+        t_s: point.t_s,
+        incomplete,
+        dof,
+        offset_m: None,
+        error_3d_m: None,
+        nees: None,
+        log_det: None,
+        radius95_m: None,
+    };
     let (Some(position), false) = (position, incomplete) else { return instant };
     let mut offset = [0.0; 3];
     for (i, o) in offset.iter_mut().enumerate().take(axes) {
@@ -236,6 +246,8 @@ fn compared(point: &TruthPoint, axes: usize, position: Option<Position>) -> Inst
         )
     };
     instant.nees = inverse_times;
+    let determinant = if dof == 1 { a } else { a * d - b * b };
+    instant.log_det = inverse_times.map(|_| determinant.ln());
     // Along the error the ellipse ends where NEES reaches its quantile; an error of 0 has no direction, the long axis stands in.
     instant.radius95_m = inverse_times
         .map(|nees| if nees > 0.0 { error_m * (chi95(dof) / nees).sqrt() } else { (chi95(dof) * largest).sqrt() });
