@@ -110,6 +110,19 @@ fn position(truth: &TargetTruth, t_s: f64) -> Option<[Option<f64>; 3]> {
     Some(core::array::from_fn(|i| a.position_m[i].zip(b.position_m[i]).map(|(a, b)| a + share * (b - a))))
 }
 
+/// Standard deviation of known heights up to which they are one height, metres.
+const ONE_HEIGHT_M: f64 = 0.5;
+
+/// The height of targets that are tracked in the plane: the median of the known ones, where they are one height and the anchors are not all
+/// at it.
+pub fn height(recordings: &[Recording]) -> Option<f64> {
+    let points = recordings.iter().flat_map(|r| r.truth.iter().flat_map(|t| &t.points));
+    let mut heights: Vec<f64> = points.filter_map(|p| p.position_m[2]).collect();
+    let height = median(&mut heights);
+    let sites = recordings.iter().flat_map(|r| (0..r.anchors.len() as u32).map(|id| r.anchors.position_m(id)[2]));
+    (robust_sd(&heights) <= ONE_HEIGHT_M && sites.into_iter().any(|z| z != height)).then_some(height)
+}
+
 /// The median of `values`; NaN of none.
 fn median(values: &mut [f64]) -> f64 {
     if values.is_empty() {

@@ -1,6 +1,6 @@
 //! From a first spec to a tuned one.
 
-use crate::calibrate::{Calibration, calibrate};
+use crate::calibrate::{self, Calibration, calibrate};
 use crate::knobs::{Place, Setting};
 use crate::merit::{Merit, Recording, merit};
 use crate::search::{Candidate, Effort, Profile, profiles, search};
@@ -177,9 +177,16 @@ fn reason(spec: &Spec, recordings: &[Recording]) -> String {
 
 /// Biases and path loss at known positions, and the noise they leave.
 fn calibrated(best: &mut Candidate, recordings: &[Recording]) -> Vec<Option<Calibration>> {
-    let spec = &best.setting.spec;
-    let all: Vec<Option<Calibration>> = (0..spec.sensors.len()).map(|i| calibrate(spec, i, recordings)).collect();
     let mut setting = best.setting.clone();
+    let height_m = calibrate::height(recordings);
+    let planar = fixtrail_track::registry::layout(&setting.spec).axes == 2;
+    for sensor in
+        setting.spec.sensors.iter_mut().filter(|s| planar && matches!(s.kind, Kind::Range | Kind::Rssi | Kind::Tdoa))
+    {
+        sensor.height_m = height_m.or(sensor.height_m);
+    }
+    let spec = &setting.spec;
+    let all: Vec<Option<Calibration>> = (0..spec.sensors.len()).map(|i| calibrate(spec, i, recordings)).collect();
     for (sensor, calibration) in setting.spec.sensors.iter_mut().zip(&all) {
         let Some(calibration) = calibration else { continue };
         sensor.bias = calibration.bias.iter().map(|(anchor, b)| (anchor.clone(), b.value)).collect();

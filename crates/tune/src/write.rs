@@ -121,6 +121,10 @@ fn write_sensor(table: &mut dyn toml_edit::TableLike, tuned: &Tuned, i: usize, s
     if sensor.latency_s != 0.0 || table.contains_key("latency_s") {
         set(table, "latency_s", number(sensor.latency_s), &note(tuned, Place::Latency(i)));
     }
+    if let Some(height_m) = sensor.height_m {
+        let why = if calibration.is_some() { "the median of the known heights" } else { "" };
+        set(table, "height_m", number(height_m), why);
+    }
     if let (Some(law), Some([exponent, level])) = (sensor.path_loss, calibration.and_then(|c| c.path_loss)) {
         let mut inline = InlineTable::new();
         inline.insert("exponent", number(law.exponent));
