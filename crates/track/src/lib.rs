@@ -14,6 +14,7 @@ pub mod mat;
 pub mod model;
 pub mod packet;
 pub mod pipeline;
+pub mod recursion;
 pub mod registry;
 mod search;
 pub mod simulator;

@@ -22,7 +22,7 @@ pub(super) fn model(table: &Table<'_>, sources: &mut Sources<'_>) -> Result<Mode
     })
 }
 
-const DENSITY: &str = "a finite power spectral density, at least 0";
+pub(super) const DENSITY: &str = "a finite power spectral density, at least 0";
 
 fn kinematic(table: &Table<'_>, whose: &str, order: usize) -> Result<KinematicSpec, BuildError> {
     table.only(whose, &["kind", "axes", "noise", "x0", "P0", "S0"], &[])?;
@@ -38,9 +38,13 @@ fn turn(table: &Table<'_>, whose: &str) -> Result<TurnSpec, BuildError> {
     Ok(TurnSpec { noise: [noise[0], noise[1]], turn_noise, prior: prior(table, 5)? })
 }
 
-/// One density for each of `axes`.
+/// `noise`, one density for each of `axes`.
 fn noise(table: &Table<'_>, axes: usize) -> Result<Vec<f64>, BuildError> {
-    let field = table.require("noise", DENSITY)?;
+    densities(&table.require("noise", DENSITY)?, axes)
+}
+
+/// One density for each of `axes`.
+pub(super) fn densities(field: &Field<'_>, axes: usize) -> Result<Vec<f64>, BuildError> {
     let Some(entries) = field.elements() else {
         return Ok(vec![field.number(DENSITY, |v| v >= 0.0)?; axes]);
     };
