@@ -3,7 +3,7 @@
 use crate::anchors::Anchors;
 use crate::layout::Layout;
 use crate::packet::{AnchorId, Content, Kind, Packet};
-use crate::spec::{LinearStep, Robust, SensorSpec};
+use crate::spec::{LinearStep, ModeSpec, Robust, SensorSpec};
 use crate::tracker::Step;
 use fixtrail_core::linalg::{Common, whiten};
 use fixtrail_core::models::{CoordinatedTurn, Drift, GaussMarkov, Integrators};
@@ -19,6 +19,11 @@ pub trait Motion<const N: usize>: Send + Sync {
     /// `B u` at instant `k`.
     fn drive(&self, _k: u64, _u: &[f64]) -> Vector<N> {
         Vector::zeros()
+    }
+
+    /// The same motion under the noise of a mode; `None` where noise is no density in continuous time.
+    fn in_mode(&self, _mode: &ModeSpec) -> Option<Arc<dyn Motion<N>>> {
+        None
     }
 }
 
@@ -112,6 +117,10 @@ impl<const N: usize> Motion<N> for Integrators<N> {
     fn leap(&self, _k: u64, dt_s: f64, _drive: &Vector<N>, x: &Vector<N>) -> Transition<N> {
         Integrators::leap(self, x, dt_s)
     }
+
+    fn in_mode(&self, mode: &ModeSpec) -> Option<Arc<dyn Motion<N>>> {
+        Some(Arc::new(Integrators::new(self.order(), self.axes(), mode.noise).ok()?))
+    }
 }
 
 impl<const N: usize> Motion<N> for GaussMarkov<N> {
@@ -136,11 +145,20 @@ impl<const N: usize> Motion<N> for Drifting<N> {
         }
         leap
     }
+
+    fn in_mode(&self, mode: &ModeSpec) -> Option<Arc<dyn Motion<N>>> {
+        Some(Arc::new(Drifting { motion: self.motion.in_mode(mode)?, drifts: self.drifts.clone() }))
+    }
 }
 
 impl Motion<5> for CoordinatedTurn {
     fn leap(&self, _k: u64, dt_s: f64, _drive: &Vector<5>, x: &Vector<5>) -> Transition<5> {
         CoordinatedTurn::leap(self, x, dt_s)
+    }
+
+    fn in_mode(&self, mode: &ModeSpec) -> Option<Arc<dyn Motion<5>>> {
+        let [x, y, _] = mode.noise;
+        Some(Arc::new(CoordinatedTurn::new([x, y], mode.turn_noise).ok()?))
     }
 }
 

@@ -10,8 +10,11 @@ use crate::model::{
 };
 use crate::packet::Kind;
 use crate::predictive::{Carried, Foreteller};
+use crate::recursion::{Modes, Single};
 use crate::simulator::Simulator;
-use crate::spec::{Align, EmvfVariant, EstimatorSpec, LinearSpec, ModelSpec, Prior, Receiver, SensorSpec, Span, Spec};
+use crate::spec::{
+    Align, EmvfVariant, EstimatorSpec, LinearSpec, ModeSpec, ModelSpec, Prior, Receiver, SensorSpec, Span, Spec,
+};
 use crate::tracker::Tracker;
 use crate::trackers::LaggedMode;
 use crate::trackers::fixed_lag::FixedLag;
@@ -29,7 +32,7 @@ use fixtrail_core::estimators::fms::invariant::{self, InvariantWindow};
 use fixtrail_core::estimators::gpb1::Gpb1;
 use fixtrail_core::estimators::lmmse::{Lmmse, Spread};
 use fixtrail_core::estimators::lmvf::Lmvf;
-use fixtrail_core::models::{CoordinatedTurn, Drift, GaussMarkov, Integrators};
+use fixtrail_core::models::{CoordinatedTurn, Drift, GaussMarkov, Integrators, MOST_MODES, Switching};
 use std::sync::Arc;
 
 /// Most values at an instant of a link without time stamps.
@@ -266,7 +269,11 @@ fn estimator<const N: usize>(
     let mode = options.lagged;
     let refused = |e: StepError| fail(e.to_string());
     Ok(match spec.estimator {
-        EstimatorSpec::Kalman | EstimatorSpec::Ekf => Box::new(Kalman::new(model)),
+        EstimatorSpec::Kalman | EstimatorSpec::Ekf => Box::new(Kalman::new(model, Single)),
+        EstimatorSpec::Imm { modes } => {
+            let modes = imm(&modes, &*model.motion)?;
+            Box::new(Kalman::new(model, modes))
+        }
         EstimatorSpec::Rts => Box::new(Rts::new(model, mode)),
         EstimatorSpec::FixedLagKalman { lag } => Box::new(FixedLag::new(model, lag, mode)),
         EstimatorSpec::Ufir { window } => Box::new(Ufir::new(model, window).map_err(refused)?),
@@ -286,6 +293,17 @@ fn estimator<const N: usize>(
         EstimatorSpec::Lmvf { .. } | EstimatorSpec::Lmmse | EstimatorSpec::Emvf { .. } | EstimatorSpec::Gpb1 => {
             return held(spec, model);
         }
+    })
+}
+
+/// The modes of `imm`: the model's motion under the noise of each.
+fn imm<const N: usize>(modes: &[Option<ModeSpec>; MOST_MODES], motion: &dyn Motion<N>) -> Result<Modes<N>, BuildError> {
+    let modes = || modes.iter().flatten();
+    let mean_s: Vec<f64> = modes().map(|mode| mode.mean_s).collect();
+    let switching = Switching::new(&mean_s).map_err(|e| fail(e.to_string()))?;
+    let motions = modes().map(|mode| motion.in_mode(mode)).collect::<Option<Vec<_>>>();
+    motions.and_then(|motions| Modes::new(motions, switching)).ok_or_else(|| {
+        fail("is no kinematic model with densities of noise, which the estimator `imm` needs".to_owned())
     })
 }
 

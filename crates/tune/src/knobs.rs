@@ -19,8 +19,6 @@ pub enum Place {
     DriftTime(usize),
     /// `sensor.threshold` or `sensor.gate`.
     Threshold(usize),
-    /// `sensor.latency_s`; the one that adds instead of multiplying.
-    Latency(usize),
 }
 
 /// A spec on the way, and by how much each sensor's times have been moved since its packets were read.
@@ -33,8 +31,8 @@ pub struct Setting {
 }
 
 impl Place {
-    /// All that `spec` has; latencies only where truth can tell them.
-    pub fn all(spec: &Spec, with_truth: bool) -> Vec<Place> {
+    /// All that a search by the causal trail can turn: a latency would make up for the delay of the filter itself.
+    pub fn all(spec: &Spec) -> Vec<Place> {
         let mut out = match &spec.model {
             ModelSpec::Kinematic(_) => vec![Place::Noise],
             ModelSpec::Turn(_) => vec![Place::Noise, Place::TurnNoise],
@@ -48,9 +46,6 @@ impl Place {
             }
             if sensor.robust != Robust::None {
                 out.push(Place::Threshold(i));
-            }
-            if with_truth {
-                out.push(Place::Latency(i));
             }
         }
         out
@@ -79,27 +74,14 @@ impl Place {
                 Robust::Huber(c) => (c, [0.5, 5.0]),
                 Robust::Redescending(c) => (c, [2.5, 15.0]),
             },
-            (Place::Latency(i), _) => (setting.shift_s[i], [-2.0, 5.0]),
         }
     }
 
-    /// Whether steps are added rather than multiplied.
-    pub fn adds(self) -> bool {
-        matches!(self, Place::Latency(_))
-    }
-
-    /// The setting with the number moved one step of size `step`: by that factor, or that many seconds; kept inside its limits. `None` when
-    /// it would not change.
+    /// The setting with the number moved by the factor `step`, up or down, inside its limits. `None` when it would not change.
     pub fn moved(self, setting: &Setting, step: f64, up: bool) -> Option<Setting> {
         let (now, [least, most]) = self.get(setting);
-        let next = match (self.adds(), up) {
-            (true, true) => now + step,
-            (true, false) => now - step,
-            // A noise of 0 has no larger multiple.
-            (false, true) => now.max(least) * step,
-            (false, false) => now / step,
-        };
-        let next = next.clamp(least, most);
+        // A noise of 0 has no larger multiple.
+        let next = if up { now.max(least) * step } else { now / step }.clamp(least, most);
         (next != now).then(|| self.set(setting, next))
     }
 
@@ -117,7 +99,6 @@ impl Place {
             (Place::TurnNoise, ModelSpec::Turn(m)) => m.turn_noise = value,
             (Place::Speed, ModelSpec::GaussMarkov(m)) => scale(&mut m.speed_mps),
             (Place::Noise | Place::TurnNoise | Place::Speed, _) => {}
-            (Place::Latency(i), _) => out.shift_s[i] = value,
             (Place::Sd(i) | Place::DriftSd(i) | Place::DriftTime(i) | Place::Threshold(i), _) => {
                 let sensor = &mut out.spec.sensors[i];
                 match (self, &mut sensor.drift) {
@@ -146,7 +127,6 @@ impl Place {
             Place::Speed | Place::DriftTime(_) => 3.0,
             Place::Sd(_) | Place::DriftSd(_) => 2.0,
             Place::Threshold(_) => 1.5,
-            Place::Latency(_) => 0.2,
         }
     }
 }

@@ -11,7 +11,7 @@ const MOST_IN_A_ROW: usize = 4;
 /// How long to search.
 #[derive(Clone, Copy, Debug)]
 pub struct Effort {
-    /// How often the steps are shrunk to their square root (halved where they add).
+    /// How often the steps are shrunk to their square root.
     pub shrinks: usize,
     /// Most rounds over all numbers.
     pub rounds: usize,
@@ -65,9 +65,7 @@ pub fn search(
 }
 
 fn step(place: Place, shrunk: usize) -> f64 {
-    let first = place.first_step();
-    let part = 0.5f64.powi(i32::try_from(shrunk).unwrap_or(i32::MAX));
-    if place.adds() { first * part } else { first.powf(part) }
+    place.first_step().powf(0.5f64.powi(i32::try_from(shrunk).unwrap_or(i32::MAX)))
 }
 
 /// Moves one number as long as that gains; whether it did.
@@ -99,7 +97,7 @@ fn climb(
     gained
 }
 
-/// What a number's half and double, or a tenth of a second less and more, would lose.
+/// What a number's half and double would lose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Profile {
     /// The number.
@@ -116,9 +114,8 @@ pub fn profiles(
     tried: &(dyn Fn(u64) + Sync),
 ) -> Vec<Profile> {
     let one = |place: &Place| {
-        let step = if place.adds() { 0.1 } else { 2.0 };
         let loss = |up: bool| {
-            let there = place.moved(&best.setting, step, up).map(|setting| Candidate::of(setting, recordings));
+            let there = place.moved(&best.setting, 2.0, up).map(|setting| Candidate::of(setting, recordings));
             tried(1);
             there.map(|c| best.merit.score - c.merit.score)
         };

@@ -35,6 +35,7 @@ pub fn write(text: &str, tuned: &Tuned, from: &str) -> Result<String, String> {
             ModelSpec::Linear(_) => {}
         }
     }
+    write_modes(&mut doc, tuned);
     for (i, sensor) in tuned.spec.sensors.iter().enumerate() {
         if let Some(table) = sensor_table(&mut doc, i) {
             write_sensor(table, tuned, i, sensor);
@@ -119,7 +120,7 @@ fn write_sensor(table: &mut dyn toml_edit::TableLike, tuned: &Tuned, i: usize, s
         }
     }
     if sensor.latency_s != 0.0 || table.contains_key("latency_s") {
-        set(table, "latency_s", number(sensor.latency_s), &note(tuned, Place::Latency(i)));
+        set(table, "latency_s", number(sensor.latency_s), &latency_note(tuned, i));
     }
     if let Some(height_m) = sensor.height_m {
         let why = if calibration.is_some() { "the median of the known heights" } else { "" };
@@ -141,6 +142,11 @@ fn write_sensor(table: &mut dyn toml_edit::TableLike, tuned: &Tuned, i: usize, s
     }
 }
 
+fn latency_note(tuned: &Tuned, i: usize) -> String {
+    let Some([less, at, more]) = tuned.latencies.get(i).copied().flatten() else { return String::new() };
+    format!("smoothed trail: {} m RMSE, {} at 0.1 s less, {} at 0.1 s more", short(at), short(less), short(more))
+}
+
 fn bias_note(calibration: Option<&Calibration>) -> String {
     let Some(calibration) = calibration else { return "what the smoothed trail leaves".to_owned() };
     let errors: Vec<String> = calibration.bias.iter().map(|(anchor, b)| format!("{anchor} {}", error(*b))).collect();
@@ -151,6 +157,19 @@ fn error(estimated: Estimated) -> String {
     match estimated.error {
         Some(error) => format!("±{}", short(error)),
         None => "of too few to tell".to_owned(),
+    }
+}
+
+/// The noise of modes that have one of their own.
+fn write_modes(doc: &mut DocumentMut, tuned: &Tuned) {
+    let EstimatorSpec::Imm { modes } = &tuned.spec.estimator else { return };
+    let Some(tables) = doc.get_mut("estimator").and_then(|e| e.get_mut("mode")) else { return };
+    let axes = fixtrail_track::registry::layout(&tuned.spec).axes;
+    let Item::ArrayOfTables(tables) = tables else { return };
+    for (table, mode) in tables.iter_mut().zip(modes.iter().flatten()) {
+        if table.contains_key("noise") {
+            set(table, "noise", numbers(&mode.noise[..axes]), "by the same factor as the model's");
+        }
     }
 }
 
@@ -186,8 +205,7 @@ fn note(tuned: &Tuned, place: Place) -> String {
         Some(_) => "cannot be run".to_owned(),
     };
     let [less, more] = profile.loss;
-    let (smaller, larger) = if place.adds() { ("0.1 s less", "0.1 s more") } else { ("half", "twice") };
-    format!("{smaller} {}, {larger} {}", loss(less), loss(more))
+    format!("half {}, twice {}", loss(less), loss(more))
 }
 
 /// Sets `key`, with a comment behind it where the table has lines of its own.

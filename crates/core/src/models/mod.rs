@@ -9,6 +9,7 @@ mod fms_paper;
 mod gauss_markov;
 mod integrators;
 mod linear;
+mod switching;
 
 pub use coordinated_turn::CoordinatedTurn;
 pub use drift::Drift;
@@ -16,6 +17,7 @@ pub use fms_paper::FmsPaper;
 pub use gauss_markov::GaussMarkov;
 pub use integrators::Integrators;
 pub use linear::Linear;
+pub use switching::{MOST_MODES, Switching};
 
 /// Why a model cannot be built.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -54,6 +56,20 @@ pub enum DesignError {
         index: usize,
         /// The offending density.
         psd: f64,
+    },
+    /// The number of modes of motion is not between 1 and [`MOST_MODES`].
+    #[error("there are {count} modes of motion, expected 1 to {MOST_MODES}")]
+    Modes {
+        /// The offending number.
+        count: usize,
+    },
+    /// A mode of motion cannot last that long.
+    #[error("mode {mode} lasts {mean_s} s on average, expected a finite number from 1e-9")]
+    Duration {
+        /// Which mode, from 0.
+        mode: usize,
+        /// The offending mean.
+        mean_s: f64,
     },
 }
 

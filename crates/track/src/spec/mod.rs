@@ -30,6 +30,7 @@ pub use scenario::{
 use crate::mat::Mat;
 use crate::packet::Kind;
 pub use fixtrail_core::estimators::augmented::Hold;
+use fixtrail_core::models::MOST_MODES;
 use fixtrail_core::sensors::PathLoss;
 use std::collections::BTreeMap;
 
@@ -247,6 +248,22 @@ pub enum EstimatorSpec {
     },
     /// `gpb1`.
     Gpb1,
+    /// `imm`: kinematic models only.
+    Imm {
+        /// `mode`: 2 to 4 of them, the first places taken.
+        modes: [Option<ModeSpec>; MOST_MODES],
+    },
+}
+
+/// One of `[[estimator.mode]]`: how a target moves for a while.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ModeSpec {
+    /// `noise`: PSD per axis, in the units of the model's; entries beyond its axes are 0.
+    pub noise: [f64; 3],
+    /// `turn_noise`: PSD of the turn rate's driving noise, rad²/s³; 0 of models without a turn rate.
+    pub turn_noise: f64,
+    /// `mean_s`: how long the mode lasts on average.
+    pub mean_s: f64,
 }
 
 /// `[link]`: what the network does between sensor and receiver.
@@ -374,6 +391,7 @@ impl EstimatorSpec {
             EstimatorSpec::Lmmse => "lmmse",
             EstimatorSpec::Emvf { .. } => "emvf",
             EstimatorSpec::Gpb1 => "gpb1",
+            EstimatorSpec::Imm { .. } => "imm",
         }
     }
 }

@@ -23,7 +23,7 @@ pub(super) fn model(table: &Table<'_>, sources: &mut Sources<'_>) -> Result<Mode
     })
 }
 
-const DENSITY: &str = "a finite power spectral density, at least 0";
+pub(super) const DENSITY: &str = "a finite power spectral density, at least 0";
 
 fn kinematic(table: &Table<'_>, whose: &str, order: usize) -> Result<KinematicSpec, BuildError> {
     table.only(whose, &["kind", "axes", "noise", "x0", "P0", "S0"], &[])?;
@@ -67,7 +67,15 @@ fn per_axis(
     expected: &str,
     valid: fn(f64) -> bool,
 ) -> Result<Vec<f64>, BuildError> {
-    let field = table.require(key, expected)?;
+    of_axes(&table.require(key, expected)?, axes, expected, valid)
+}
+
+/// One density for each of `axes`.
+pub(super) fn densities(field: &Field<'_>, axes: usize) -> Result<Vec<f64>, BuildError> {
+    of_axes(field, axes, DENSITY, |v| v >= 0.0)
+}
+
+fn of_axes(field: &Field<'_>, axes: usize, expected: &str, valid: fn(f64) -> bool) -> Result<Vec<f64>, BuildError> {
     let Some(entries) = field.elements() else {
         return Ok(vec![field.number(expected, valid)?; axes]);
     };

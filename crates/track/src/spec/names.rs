@@ -21,10 +21,11 @@ pub const ESTIMATORS: &[Named] = &[
     ("lmmse", "exact linear minimum mean square error for a receiver that holds values; linearised for other models"),
     ("emvf", "extended minimum-variance filter for a receiver that holds values (Theorem 2 of its paper)"),
     ("gpb1", "two hypotheses, new or held, weighed by how well they fit: arrivals unknown, every model and sensor"),
+    ("imm", "interacting multiple models: a filter for each mode of motion, kinematic models and every sensor"),
 ];
 
 /// `estimator.kind`, one day.
-pub(super) const LATER_ESTIMATORS: &[&str] = &["fosb", "alpha-beta", "imm"];
+pub(super) const LATER_ESTIMATORS: &[&str] = &["fosb", "alpha-beta"];
 
 /// `model.kind`.
 pub const MODELS: &[Named] = &[
