@@ -1,6 +1,6 @@
 //! How good a spec is on recordings.
 
-use fixtrail_sim::metrics::{Instant, Kind, judge};
+use fixtrail_sim::metrics::{Instant, Kind, chi_square_quantile, judge};
 use fixtrail_track::anchors::Anchors;
 use fixtrail_track::packet::Packet;
 use fixtrail_track::pipeline::track;
@@ -79,6 +79,75 @@ pub fn smoothed_rmse(spec: &Spec, recordings: &[Recording], shift_s: &[f64]) -> 
     let parts: Option<Vec<(f64, f64)>> = jobs.par_iter().map(one).collect();
     let (squares, count) = parts?.into_iter().fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
     (count > 0.0).then(|| (squares / count).sqrt())
+}
+
+/// How much larger the claimed standard deviations ought to be, and on how many independent errors that rests.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Honesty {
+    /// Factor by which the 95 % ellipse must grow to hold 95 % of the known positions.
+    pub scale: f64,
+    /// Share of the known positions inside the ellipse as claimed.
+    pub coverage: f64,
+    /// Number of errors that are as good as independent: the length of the recordings over the time that an error lasts.
+    pub independent: f64,
+}
+
+/// What known positions say of the claimed covariance; `None` where there is too little to tell.
+pub fn honesty(spec: &Spec, recordings: &[Recording], shift_s: &[f64]) -> Option<Honesty> {
+    let spec = causal(spec);
+    let (mut ratios, mut independent) = (Vec::new(), 0.0);
+    for recording in recordings {
+        for target in &recording.targets {
+            let Some(truth) = truth_of(recording, target) else { continue };
+            let moved = shifted(&spec, target, shift_s);
+            let trail = track(&spec, &recording.anchors, &moved, LaggedMode::Own).ok()?;
+            let truth = [TargetTruth { target: trail.target.clone(), points: truth.points.clone() }];
+            let scored = judge(&spec, Kind::Filter, &[trail], &truth).ok()?;
+            let instants = &scored.targets.first()?.instants;
+            ratios.extend(instants.iter().filter_map(|i| i.nees.map(|nees| nees / chi_square_quantile(i.dof, 0.95))));
+            let offsets: Vec<[f64; 2]> = instants.iter().filter_map(|i| i.offset_m).collect();
+            independent += offsets.len() as f64 / lasting(&offsets);
+        }
+    }
+    if ratios.len() < LEAST_RATIOS {
+        return None;
+    }
+    ratios.sort_by(f64::total_cmp);
+    let at = ratios[((ratios.len() - 1) as f64 * 0.95).round() as usize];
+    let inside = ratios.iter().filter(|r| **r <= 1.0).count() as f64 / ratios.len() as f64;
+    Some(Honesty { scale: at.sqrt(), coverage: inside, independent })
+}
+
+/// Fewer known positions than this say nothing of a 95 % ellipse.
+const LEAST_RATIOS: usize = 40;
+/// Correlation below which errors count as forgotten.
+const FORGOTTEN: f64 = 0.1;
+
+/// Over how many instants an error lasts: 1 + 2 Σ ρ_k, up to the first lag at which it is forgotten.
+fn lasting(offsets: &[[f64; 2]]) -> f64 {
+    let n = offsets.len();
+    let mean = |axis: usize| offsets.iter().map(|o| o[axis]).sum::<f64>() / n.max(1) as f64;
+    let centre = [mean(0), mean(1)];
+    let at = |i: usize, axis: usize| offsets[i][axis] - centre[axis];
+    let product = |lag: usize| -> f64 {
+        (0..n - lag).map(|i| at(i, 0) * at(i + lag, 0) + at(i, 1) * at(i + lag, 1)).sum::<f64>() / (n - lag) as f64
+    };
+    if n < 2 {
+        return 1.0;
+    }
+    let variance = product(0);
+    if !(variance > 0.0) {
+        return 1.0;
+    }
+    let mut sum = 1.0;
+    for lag in 1..n / 2 {
+        let rho = product(lag) / variance;
+        if rho < FORGOTTEN {
+            break;
+        }
+        sum += 2.0 * rho;
+    }
+    sum
 }
 
 fn errors(spec: &Spec, kind: Kind, trail: TargetTrail, truth: &TargetTruth) -> Option<(f64, f64)> {

@@ -21,10 +21,12 @@ pub enum Change {
 impl Change {
     /// All, in the order in which they are tried.
     pub fn all(spec: &Spec) -> Vec<Change> {
-        let mut out = vec![Change::Resident];
+        let mut out = Vec::new();
         let drifting = |kind: Kind| matches!(kind, Kind::Range | Kind::Rssi);
+        // Outliers first: they would pass for motion or for errors that last.
+        out.extend([Change::Redescending, Change::Huber]);
         out.extend((0..spec.sensors.len()).filter(|i| drifting(spec.sensors[*i].kind)).map(Change::Drift));
-        out.extend([Change::Huber, Change::Redescending]);
+        out.push(Change::Resident);
         out
     }
 

@@ -2,17 +2,22 @@
 
 use crate::calibrate::{self, Calibration, calibrate};
 use crate::knobs::{Place, Setting};
-use crate::merit::{Merit, Recording, merit, smoothed_rmse};
+use crate::merit::{Honesty, Merit, Recording, honesty, merit, smoothed_rmse};
 use crate::search::{Candidate, Effort, Profile, profiles, search};
 use crate::structure::Change;
+use fixtrail_sim::metrics::student_quantile;
 use fixtrail_track::packet::Kind;
 use fixtrail_track::pipeline::track;
-use fixtrail_track::spec::{EstimatorSpec, ModelSpec, Receiver, Span, Spec};
+use fixtrail_track::spec::{EstimatorSpec, ModelSpec, Receiver, Robust, Span, Spec};
 use fixtrail_track::trackers::LaggedMode;
 use fixtrail_track::truth::{TargetTruth, TruthPoint};
 
 /// Gain in the score that a change of structure must bring.
 const WORTH_A_CHANGE: f64 = 0.03;
+/// The same for stationary motion, which is wrong about a target that stays at the edge of its place.
+const WORTH_A_PLACE: f64 = 0.1;
+/// The same for the biweight, which alone is safe from outliers of any size, also those that these data lack.
+const WORTH_SAFETY: f64 = -0.01;
 /// Windows of `fms` and `ufir` that are tried, in instants.
 const WINDOWS: [usize; 12] = [3, 4, 5, 6, 8, 10, 13, 17, 23, 30, 40, 60];
 
@@ -70,6 +75,8 @@ pub struct Tuned {
     pub latencies: Vec<Option<[f64; 3]>>,
     /// What neighbours of the numbers would lose.
     pub profiles: Vec<Profile>,
+    /// By how much all standard deviations were scaled in the end, and what for; `None` without truth enough to tell.
+    pub honesty: Option<(f64, Honesty)>,
     /// Windows tried, with the mean squared innovation or the loss of score.
     pub windows: Vec<(usize, f64)>,
     /// Changes of structure tried.
@@ -150,7 +157,12 @@ pub fn tune(
             let places = Place::all(&other.setting.spec);
             let other = search(other, &places, recordings, coarse, &tried);
             let gain = other.merit.score - best.merit.score;
-            let taken = gain > WORTH_A_CHANGE;
+            let worth = match change {
+                Change::Resident => WORTH_A_PLACE,
+                Change::Redescending => WORTH_SAFETY,
+                _ => WORTH_A_CHANGE,
+            };
+            let taken = gain > worth;
             structures.push(Tried { change, gain, taken });
             if taken {
                 best = other;
@@ -161,6 +173,7 @@ pub fn tune(
     let fine = Effort { shrinks: 3, rounds: 12 };
     best = search(best, &places, recordings, fine, &tried);
     let profiles = profiles(&best, &places, recordings, &tried);
+    let honesty = if with_truth { widen(&mut best.setting, recordings) } else { None };
     let mut spec = best.setting.spec.clone();
     if modes {
         spec.estimator = with_noise_of(base, &spec);
@@ -175,7 +188,7 @@ pub fn tune(
         sensor.latency_s += shift_s;
     }
     let runs = runs.into_inner();
-    Ok(Tuned { spec, before, after, with_truth, calibrations, latencies, profiles, windows, structures, runs })
+    Ok(Tuned { spec, before, after, with_truth, calibrations, latencies, profiles, honesty, windows, structures, runs })
 }
 
 /// The modes of `base`, their noise by the same factor as the model's.
@@ -225,6 +238,36 @@ fn find_latencies(best: &mut Candidate, recordings: &[Recording], tried: &dyn Fn
         }
     }
     found
+}
+
+/// Scales all noise, of motion and of sensors, so that the 95 % ellipse holds 95 % of the known positions and a share more for what so few
+/// independent errors leave open: Student's quantile over the normal's. The gains, and so the trail, stay as they are.
+fn widen(setting: &mut Setting, recordings: &[Recording]) -> Option<(f64, Honesty)> {
+    let found = honesty(&setting.spec, recordings, &setting.shift_s)?;
+    let dof = (found.independent - 1.0).max(1.0);
+    let scale = (found.scale * student_quantile(dof, 0.975) / student_quantile(f64::INFINITY, 0.975)).clamp(0.5, 5.0);
+    match &mut setting.spec.model {
+        ModelSpec::Kinematic(m) => m.noise.iter_mut().for_each(|v| *v *= scale * scale),
+        ModelSpec::Turn(m) => {
+            m.noise.iter_mut().for_each(|v| *v *= scale * scale);
+            m.turn_noise *= scale * scale;
+        }
+        ModelSpec::GaussMarkov(m) => m.spread_m.iter_mut().chain(&mut m.speed_mps).for_each(|v| *v *= scale),
+        ModelSpec::Linear(_) => {}
+    }
+    for sensor in &mut setting.spec.sensors {
+        sensor.sd *= scale;
+        if let Some(drift) = &mut sensor.drift {
+            drift.sd *= scale;
+        }
+        sensor.robust = match sensor.robust {
+            Robust::None => Robust::None,
+            Robust::Gate(gate) => Robust::Gate(gate / (scale * scale)),
+            Robust::Huber(c) => Robust::Huber(c / scale),
+            Robust::Redescending(c) => Robust::Redescending(c / scale),
+        };
+    }
+    Some((scale, found))
 }
 
 /// Why a spec does not run.

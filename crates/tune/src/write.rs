@@ -63,6 +63,17 @@ fn header(tuned: &Tuned, from: &str) -> String {
             short(after)
         );
     }
+
+    if let Some((scale, honesty)) = tuned.honesty {
+        let _ = writeln!(
+            out,
+            "# All standard deviations times {} at the end: {:.1} % of the known positions were inside the 95 % ellipse, in errors\n\
+             # of which {:.0} are independent.",
+            short(scale),
+            100.0 * honesty.coverage,
+            honesty.independent
+        );
+    }
     for tried in &tuned.structures {
         let verdict = if tried.taken { "taken" } else { "not taken" };
         let _ = writeln!(out, "# {}: {:+.3}, {verdict}.", tried.change.name(), tried.gain);

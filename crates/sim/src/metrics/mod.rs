@@ -11,7 +11,7 @@ mod stats;
 pub use at_truth::{Instant, Kind, Position, Predict, at_truth, gauss_markov, kinematic};
 pub use nis::{Nis, nis};
 pub use row::{Consistency, Errors, ScoreRow};
-pub use stats::{chi_square_quantile, mean_band95};
+pub use stats::{chi_square_quantile, mean_band95, student_quantile};
 
 use fixtrail_track::layout::Layout;
 use fixtrail_track::registry;

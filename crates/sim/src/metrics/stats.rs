@@ -1,6 +1,6 @@
 //! Percentiles and chi-square quantiles.
 
-use statrs::distribution::{ChiSquared, ContinuousCDF};
+use statrs::distribution::{ChiSquared, ContinuousCDF, Normal, StudentsT};
 
 /// The `p`-quantile of the chi-square distribution with `dof` degrees of freedom; 0 for `dof` = 0.
 pub fn chi_square_quantile(dof: usize, p: f64) -> f64 {
@@ -27,6 +27,16 @@ pub(super) fn percentile(sorted: &[f64], p: f64) -> f64 {
     sorted[low] + (at - low as f64) * (sorted[high] - sorted[low])
 }
 
+/// Quantile of Student's distribution of `dof ≥ 1` degrees of freedom, the normal one's of infinitely many; `p` between 0 and 1.
+pub fn student_quantile(dof: f64, p: f64) -> f64 {
+    let normal = || Normal::standard().inverse_cdf(p);
+    if dof.is_infinite() {
+        normal()
+    } else {
+        StudentsT::new(0.0, 1.0, dof).map_or_else(|_| normal(), |t| t.inverse_cdf(p))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -49,6 +59,14 @@ mod tests {
             assert!((got - printed).abs() < 1e-5 * printed, "{dof} {p}: {got}");
         }
         assert_eq!(chi_square_quantile(0, 0.95), 0.0);
+    }
+
+    #[test]
+    fn student_quantiles_match_printed_tables() {
+        // Abramowitz and Stegun, table 26.10.
+        for (dof, printed) in [(1.0, 12.706), (4.0, 2.776), (30.0, 2.042), (f64::INFINITY, 1.960)] {
+            assert!((student_quantile(dof, 0.975) - printed).abs() < 1e-3, "{dof}: {}", student_quantile(dof, 0.975));
+        }
     }
 
     #[test]
