@@ -254,7 +254,7 @@ fn proposal_for_positions_is_a_kalman_filter_with_the_axes_of_the_data() {
         .map(|i| packet(0.1 * i as f64, Content::Position([Some(chance.normal()), Some(1.0), Some(0.1 * i as f64)])))
         .collect();
     for (packets, axes) in [(flat, 2), (climbing, 3)] {
-        let text = propose(&survey(&one(packets), &Anchors::default()), &circumstances()).expect("positions");
+        let text = propose(&survey(&one(packets), &Anchors::default()), &circumstances()).expect("positions").text;
         let spec = parses(&text);
         let spec::ModelSpec::Kinematic(model) = &spec.model else { panic!("{text}") };
         assert_eq!((model.order, model.axes), (2, axes), "{text}");
@@ -267,7 +267,7 @@ fn proposal_for_ranges_settles_the_height_only_where_the_anchors_do() {
     for (spread, axes) in [(true, 3), (false, 2)] {
         let anchors = room(spread);
         let packets = ranges(&anchors, 0.1, 0.0, 500, &mut Chance(8));
-        let text = propose(&survey(&one(packets), &anchors), &circumstances()).expect("ranges");
+        let text = propose(&survey(&one(packets), &anchors), &circumstances()).expect("ranges").text;
         let spec = parses(&text);
         let spec::ModelSpec::Kinematic(model) = &spec.model else { panic!("{text}") };
         assert_eq!(model.axes, axes, "{text}");
@@ -279,7 +279,7 @@ fn proposal_for_ranges_settles_the_height_only_where_the_anchors_do() {
 #[test]
 fn proposal_survives_odd_names_and_few_rows() {
     let odd = Circumstances { data: "a\nmodel = 1.csv", geodetic: true, anchors: Some("my \"anchors\"\\\n.csv") };
-    let text = propose(&survey(&one(vec![position(0.0, 1.0, 2.0)]), &Anchors::default()), &odd).expect("positions");
+    let text = propose(&survey(&one(vec![position(0.0, 1.0, 2.0)]), &Anchors::default()), &odd).expect("positions").text;
     assert_eq!(parses(&text).anchors.as_deref(), Some("my \"anchors\"\\\n.csv"));
 }
 
@@ -288,10 +288,10 @@ fn proposal_without_a_sensor_says_why() {
     let anchors = room(true);
     let rssi = |t| packet(t, Content::Rssi { anchor: 0, value_dbm: -60.0 });
     let with_ranges = [ranges(&anchors, 0.1, 0.0, 50, &mut Chance(9)), vec![rssi(0.5)]].concat();
-    let text = propose(&survey(&one(with_ranges), &anchors), &circumstances()).expect("ranges beside rssi");
-    assert!(text.contains("1 rows of kind `rssi` have no sensor yet"), "{text}");
+    let text = propose(&survey(&one(with_ranges), &anchors), &circumstances()).expect("ranges beside rssi").text;
+    assert!(text.contains("1 rows of kind `rssi` are left out"), "{text}");
     let only = propose(&survey(&one(vec![rssi(0.0), rssi(1.0)]), &anchors), &circumstances());
-    assert_eq!(only, Err(ProposeError::NoSensor("`rssi`".into())));
+    assert_eq!(only, Err(ProposeError::FewAnchors { kind: "rssi", anchors: 1, least: 3 }));
     let linear = packet(0.0, Content::Linear { z: vec![Some(1.0)], u: vec![] });
     let linear = Packet { k: Some(0), ..linear };
     assert_eq!(propose(&survey(&one(vec![linear]), &anchors), &circumstances()), Err(ProposeError::Linear));
