@@ -373,13 +373,15 @@ impl Radios {
         let mut places: Vec<Point<A>> = Vec::new();
         for point in found {
             let same = |p: &Point<A>| {
-                (p.belief.mean - point.belief.mean).norm_squared() <= 1e-6 * p.belief.cov.trace().min(point.belief.cov.trace())
+                (p.belief.mean - point.belief.mean).norm_squared()
+                    <= 1e-6 * p.belief.cov.trace().min(point.belief.cov.trace())
             };
             if places.len() < MOST_PLACES && !places.iter().any(same) {
                 places.push(point);
             }
         }
-        let place = |p: Point<A>| core::array::from_fn(|i| if i < A { p.belief.mean[i] } else { height_m.unwrap_or(0.0) });
+        let place =
+            |p: Point<A>| core::array::from_fn(|i| if i < A { p.belief.mean[i] } else { height_m.unwrap_or(0.0) });
         places.into_iter().map(place).collect()
     }
 }

@@ -243,7 +243,8 @@ impl<const N: usize> Search<N> {
         let ends = [self.kept.front(), self.kept.back().filter(|_| len > 1)];
         let places: Vec<[f64; 3]> =
             ends.into_iter().flatten().flat_map(|kept| model.sensing.places(&kept.step())).collect();
-        let mut least = if places.is_empty() || best.is_none() { f64::INFINITY } else { self.misfit(model, &self.newton.clone()) };
+        let mut least =
+            if places.is_empty() || best.is_none() { f64::INFINITY } else { self.misfit(model, &self.newton.clone()) };
         for place in places {
             let guess = Vector::from_fn(|i, _| if i < model.layout.axes { place[i] } else { 0.0 });
             let mut newton = self.newton.clone();

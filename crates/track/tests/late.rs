@@ -122,6 +122,7 @@ fn kinematic_cases(rng: &mut Random, len: usize) -> Vec<Case> {
             let sensor = SensorSpec {
                 kind,
                 sd: 0.1,
+                path_loss: None,
                 bias: BTreeMap::new(),
                 height_m: None,
                 latency_s: 0.0,

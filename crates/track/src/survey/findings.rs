@@ -218,7 +218,8 @@ fn values(kind: &KindSurvey, survey: &Survey, list: &mut Vec<Finding>) {
         add(list, if share > 0.1 && !robust { Severity::Warning } else { Severity::Note }, text);
     }
     if let Some(bias) = kind.fit_bias_m {
-        let text = format!("ranges are {} m too long at all anchors, as far as they can tell by themselves", short(bias));
+        let text =
+            format!("ranges are {} m too long at all anchors, as far as they can tell by themselves", short(bias));
         add(list, Severity::Note, text);
     }
     if let (Kind::Range, Some(quick), Some(fit)) = (kind.kind, kind.quick_sd, kind.fit_sd)

@@ -70,9 +70,7 @@ pub(super) fn moments(packets: &[Packet], kind: Kind, anchors: &Anchors, least: 
         .filter_map(|p| match p.content {
             Content::Range { anchor, value_m } if kind == Kind::Range => Some((p.t_s, (anchor, None), value_m)),
             Content::Rssi { anchor, value_dbm } if kind == Kind::Rssi => Some((p.t_s, (anchor, None), value_dbm)),
-            Content::Bearing { anchor, value_rad } if kind == Kind::Bearing => {
-                Some((p.t_s, (anchor, None), value_rad))
-            }
+            Content::Bearing { anchor, value_rad } if kind == Kind::Bearing => Some((p.t_s, (anchor, None), value_rad)),
             Content::Tdoa { anchor, reference, value_m } if kind == Kind::Tdoa => {
                 Some((p.t_s, (anchor, Some(reference)), value_m))
             }

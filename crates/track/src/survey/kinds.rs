@@ -25,6 +25,8 @@ pub(super) struct KindFit {
 const CLEARLY: f64 = 0.9;
 /// Moments that the search for a height looks at.
 const HEIGHT_MOMENTS: usize = 100;
+/// Irregular ranges within this many usual intervals count as of one moment where those of one instant are too few.
+const NEARLY: f64 = 4.0;
 /// A strength is averaged over this long, seconds.
 const STRENGTH_S: f64 = 2.0;
 /// Part of the anchors' spread by which targets are taken to be below them for strengths: close to an anchor the law is too steep to follow.
@@ -36,7 +38,13 @@ const VEERS: f64 = 0.3;
 struct Moments(Vec<Vec<Moment>>);
 
 impl Moments {
-    fn of(kind: Kind, targets: &[TargetPackets], surveyed: &[TargetSurvey], anchors: &Anchors, least: usize) -> Moments {
+    fn of(
+        kind: Kind,
+        targets: &[TargetPackets],
+        surveyed: &[TargetSurvey],
+        anchors: &Anchors,
+        least: usize,
+    ) -> Moments {
         let gather = |within_s: &dyn Fn(&TargetSurvey) -> f64| {
             let each = |(target, timing): (&TargetPackets, _)| {
                 fixes::moments(&target.packets, kind, anchors, least, within_s(timing))
@@ -49,10 +57,11 @@ impl Moments {
         }
         // One report of each source; irregular sources must agree in time, or nearly so where that leaves too few.
         let strict = gather(&|t| t.period_s.map_or(0.0, |p| 0.9 * p));
-        if kind != Kind::Range || strict.all().count() >= fixes::FEWEST_MOMENTS {
+        let rich = strict.all().filter(|m| m.reports.len() > least).count();
+        if kind != Kind::Range || rich >= fixes::FEWEST_MOMENTS {
             return strict;
         }
-        gather(&|t| t.period_s.map_or(2.5 * usual_s(t), |p| 0.9 * p))
+        gather(&|t| t.period_s.map_or(NEARLY * usual_s(t), |p| 0.9 * p))
     }
 
     fn all(&self) -> impl Iterator<Item = &Moment> {
@@ -120,7 +129,7 @@ fn ranges(targets: &[TargetPackets], geometry: &Geometry, moments: impl Fn(usize
     // Reflections and delays make all ranges too long, which looks much like a height.
     if let Some(bias_m) = fixes::common_bias(&moments.some(usize::MAX), sought, at_anchors)
         && let Some(sd) = moments.sd(Sought { bias: true, ..sought })
-        && sd < CLEARLY * found.sd.unwrap_or(at_anchors)
+        && sd < found.height_m.map_or(1.0, |_| CLEARLY) * found.sd.unwrap_or(at_anchors)
     {
         (found.sd, found.bias_m, found.height_m) = (Some(sd), Some(bias_m), None);
     }
@@ -183,10 +192,8 @@ fn with_motion(mut found: KindFit, moments: &Moments, sought: Sought) -> KindFit
             intervals.push(dt_s);
         }
         for axis in 0..2 {
-            let samples = Samples {
-                t_s: fixes.iter().map(|f| f.0).collect(),
-                value: fixes.iter().map(|f| f.1[axis]).collect(),
-            };
+            let samples =
+                Samples { t_s: fixes.iter().map(|f| f.0).collect(), value: fixes.iter().map(|f| f.1[axis]).collect() };
             lively.extend(noise::quick_sd(&samples).and_then(|sd| noise::liveliness(&samples, sd, 0.0)));
         }
     }

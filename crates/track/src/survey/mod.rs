@@ -27,8 +27,8 @@ pub use timing::{Late, Silences};
 
 use crate::anchors::Anchors;
 use crate::packet::{AnchorId, Content, Kind, Packet};
-use kinds::KindFit;
 use crate::target::TargetPackets;
+use kinds::KindFit;
 use noise::{Liveliness, Samples};
 use std::collections::BTreeMap;
 
@@ -322,11 +322,11 @@ fn survey_kind(
     let fit = fit(kind);
     let fit_sd = fit.sd.filter(|_| kind == Kind::Range);
     let sources = split.iter().flat_map(|s| s.keys()).filter(|s| s.kind == kind);
-    let heard: std::collections::BTreeSet<AnchorId> =
-        sources.flat_map(|s| [s.anchor, s.reference]).flatten().collect();
+    let heard: std::collections::BTreeSet<AnchorId> = sources.flat_map(|s| [s.anchor, s.reference]).flatten().collect();
     found.anchors = heard.len();
     let is_height = |p: &Packet| matches!(p.content, Content::Position([None, None, _]));
-    found.only_heights = kind == Kind::Position && targets.iter().flat_map(|t| &t.packets).filter(of_kind).all(is_height);
+    found.only_heights =
+        kind == Kind::Position && targets.iter().flat_map(|t| &t.packets).filter(of_kind).all(is_height);
     let mut magnitudes = Vec::new();
     let mut columns: [Vec<SeriesSurvey>; 3] = Default::default();
     for (target, sources) in targets.iter().zip(split) {

@@ -66,7 +66,7 @@ const LASTING_SHADOWS: f64 = 2.5;
 const STRENGTH_PSD: f64 = 0.05;
 /// Its speed, m/s.
 const STRENGTH_SPEED: f64 = 0.5;
-/// Targets that are heard of less often than this, in the median, have no velocity to speak of.
+/// Targets that are heard of less often than this, in the median, need what comes later to say where they were.
 const FEW_INSTANTS: f64 = 4.0;
 /// A satellite receiver smooths its fixes, so they jitter far less than they err, metres.
 const LEAST_SATELLITE_SD: f64 = 1.5;
@@ -198,17 +198,20 @@ fn write(
     model(out, reasons, survey, chosen)?;
     writeln!(out, "\n[estimator]")?;
     let linear = [chosen.range, chosen.rssi, chosen.tdoa, chosen.bearing].iter().all(Option::is_none);
-    match linear {
-        false => writeln!(out, "kind = \"ekf\"           # what is measured is not linear in the position")?,
-        true => writeln!(out, "kind = \"kalman\"        # or \"rts\": every instant given the whole recording")?,
-    }
-    reasons.push(match linear {
-        false => "estimator `ekf`: what is measured is not linear in the position".to_owned(),
-        true => "estimator `kalman`: positions are linear".to_owned(),
-    });
+    let instants = super::stats::median(survey.targets.iter().map(|t| t.instants as f64)).unwrap_or(0.0);
+    let (name, aside, why) = match linear {
+        false if chosen.tdoa.is_some() && instants < FEW_INSTANTS => {
+            ("rts", "   ", "most targets are heard of a few times only, and what comes later tells where they were")
+        }
+        false => ("ekf", "   ", "what is measured is not linear in the position"),
+        true => ("kalman", "", "positions are linear; `rts` would give every instant all of the recording"),
+    };
+    writeln!(out, "kind = \"{name}\"{aside}        # {why}")?;
+    reasons.push(format!("estimator `{name}`: {why}"));
     if let Some(position) = chosen.position {
         position_sensor(out, position, circumstances.geodetic)?;
-        let sd = position.quick_sd.map_or("too few rows to tell".to_owned(), |sd| format!("they jitter by {} m", short(sd)));
+        let sd =
+            position.quick_sd.map_or("too few rows to tell".to_owned(), |sd| format!("they jitter by {} m", short(sd)));
         reasons.push(format!("sensor `position`: {sd}"));
     }
     if let Some(heights) = chosen.heights {
@@ -237,7 +240,8 @@ fn write(
 /// What `tune` could do better than this look at the data.
 fn tune(chosen: &Chosen<'_>) -> String {
     let gain = if let Some(range) = chosen.range {
-        let misfit = range.fit_sd.map_or(String::new(), |sd| format!(", which still miss a common point by {} m", short(sd)));
+        let misfit =
+            range.fit_sd.map_or(String::new(), |sd| format!(", which still miss a common point by {} m", short(sd)));
         format!("a bias for each anchor{misfit}")
     } else if let Some(rssi) = chosen.rssi {
         let misfit = rssi.law.map_or(6.0, |l| l.sd_db);
@@ -247,19 +251,17 @@ fn tune(chosen: &Chosen<'_>) -> String {
     } else if chosen.bearing.is_some() {
         "how each anchor is turned".to_owned()
     } else {
-        "noise levels that make the claimed uncertainty true; errors that neighbouring rows share are not seen here".to_owned()
+        "noise levels that make the claimed uncertainty true; errors that neighbouring rows share are not seen here"
+            .to_owned()
     };
     format!("`fixtrail tune` would gain: {gain}")
 }
 
 fn model(out: &mut String, reasons: &mut Vec<String>, survey: &Survey, chosen: &Chosen<'_>) -> core::fmt::Result {
     let axes = chosen.axes();
-    let instants = super::stats::median(survey.targets.iter().map(|t| t.instants as f64)).unwrap_or(0.0);
     let lively = chosen.lively();
     let speed = lively.and_then(|k| k.speed);
-    // A target heard of two or three times in all: each time stands for itself.
-    let rare = instants < FEW_INSTANTS && chosen.position.is_none() && speed.is_some_and(f64::is_finite);
-    let kind = if rare { "random-walk" } else { "constant-velocity" };
+    let kind = "constant-velocity";
     writeln!(out, "\n[model]\nkind = \"{kind}\"")?;
     let why = match (chosen.position, chosen.heights, axes) {
         (Some(_), _, 3) => "positions have a height that changes",
@@ -270,13 +272,6 @@ fn model(out: &mut String, reasons: &mut Vec<String>, survey: &Survey, chosen: &
     };
     writeln!(out, "axes = {axes}               # {why}")?;
     reasons.push(format!("model `{kind}`, {axes} axes: {why}"));
-    if let (true, Some(speed), Some(interval_s)) = (rare, speed, survey.usual_interval_s()) {
-        let noise = rounded((speed * speed * interval_s).max(LEAST_PSD));
-        let why = format!("most targets are heard of at {instants:.0} instants or less, so each stands for itself");
-        writeln!(out, "# m²/s: {why};\n# speeds are about {} m/s.", short(speed))?;
-        reasons.push(format!("noise {noise} m²/s: {why}"));
-        return writeln!(out, "noise = {noise}");
-    }
     if chosen.strengths_alone() {
         writeln!(
             out,
@@ -333,14 +328,22 @@ fn model(out: &mut String, reasons: &mut Vec<String>, survey: &Survey, chosen: &
 }
 
 fn height_sensor(out: &mut String, heights: &KindSurvey) -> core::fmt::Result {
-    writeln!(out, "\n[[sensor]]\nkind = \"position\"\n# Heights alone, metres: an altimeter. Pressure says them to some ten metres.")?;
+    writeln!(
+        out,
+        "\n[[sensor]]\nkind = \"position\"\n# Heights alone, metres: an altimeter. Pressure says them to some ten metres."
+    )?;
     let sd = heights.quick_sd_z.unwrap_or(10.0).max(LEAST_POSITION_SD);
     writeln!(out, "sd = {}", rounded(sd))?;
     own_sd(out, heights)
 }
 
 /// The height of targets on a planar track, where the anchors have heights.
-fn height(out: &mut String, kind: &KindSurvey, survey: &Survey, chosen: &Chosen<'_>) -> Result<Option<f64>, core::fmt::Error> {
+fn height(
+    out: &mut String,
+    kind: &KindSurvey,
+    survey: &Survey,
+    chosen: &Chosen<'_>,
+) -> Result<Option<f64>, core::fmt::Error> {
     let (2, Some(geometry)) = (chosen.axes(), &survey.geometry) else { return Ok(None) };
     if geometry.is_plan() && kind.fit_height_m.is_none() {
         return Ok(None);
@@ -402,14 +405,21 @@ fn rssi_sensor(
             "# The law that fits best if targets are among the anchors, its level lower by one misfit: a level too high drives\n\
              # targets out of the room, one too low keeps them in it. Measure yours."
         )?,
-        false => writeln!(out, "# Free space, with the level that puts the median strength at the usual distance. Measure yours.")?,
+        false => writeln!(
+            out,
+            "# Free space, with the level that puts the median strength at the usual distance. Measure yours."
+        )?,
     }
     writeln!(out, "path_loss = {{ exponent = {:?}, at_1m_dbm = {:?} }}", law.exponent, level.round())?;
     reasons.push(format!(
         "sensor `rssi`, exponent {:?} and {:?} dBm at 1 m: {}",
         law.exponent,
         level.round(),
-        if law.fitted { "the law that fits best if targets are among the anchors" } else { "free space, too few data to fit" }
+        if law.fitted {
+            "the law that fits best if targets are among the anchors"
+        } else {
+            "free space, too few data to fit"
+        }
     ));
     reasons.push(format!("sd {} dB: the misfit is {} dB, and shadows last", rounded(sd), short(law.sd_db)));
     height(out, rssi, survey, chosen)?;
@@ -426,6 +436,13 @@ fn tdoa_sensor(
 ) -> core::fmt::Result {
     writeln!(out, "\n[[sensor]]\nkind = \"tdoa\"")?;
     let (sd, why) = match (tdoa.fit_sd, tdoa.quick_sd) {
+        (Some(fit), _) if tdoa.fit_height_m.is_some() && chosen.axes() == 2 => {
+            let miss = format!(
+                "the differences of one moment miss a common point by {} m; twice that, as heights differ",
+                short(fit)
+            );
+            (2.0 * fit, miss)
+        }
         (Some(fit), _) => (fit, "how far the differences of one moment miss the best common point".to_owned()),
         (None, Some(quick)) => (3.0 * quick, "three times the jitter from one row to the next".to_owned()),
         (None, None) => (1.0, "too few rows to tell".to_owned()),
@@ -533,7 +550,9 @@ fn range_sensor(
             ((quick.powi(2) + lasting.powi(2) * shared).sqrt(), why)
         }
         (Some(fit), None) => (fit, "how far the ranges of one moment miss the best common point".to_owned()),
-        (None, Some(quick)) => (3.0 * quick, "three times the jitter, as errors that stay are not seen in it".to_owned()),
+        (None, Some(quick)) => {
+            (3.0 * quick, "three times the jitter, as errors that stay are not seen in it".to_owned())
+        }
         (None, None) => (0.3, "too few rows to tell".to_owned()),
     };
     if range.fit_sd.is_none() || range.quick_sd.is_none() {
