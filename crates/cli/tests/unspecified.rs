@@ -153,3 +153,122 @@ fn a_height_alone_settles_what_ranges_to_a_plane_leave_open() {
     assert_eq!(ran.code, Some(2));
     assert!(ran.err.contains("heights alone"), "{ran:?}");
 }
+
+const COUNTRY: &str = "\
+[model]
+kind = \"constant-velocity\"
+axes = 2
+noise = 30.0
+
+[[sensor]]
+kind = \"tdoa\"
+sd = 50.0
+height_m = 9000.0
+robust = \"redescending\"
+
+[estimator]
+kind = \"ekf\"
+";
+
+#[test]
+fn time_differences_over_a_country_start_where_they_meet() {
+    // Five receivers about the target and a cluster far away, which pulls the centre of all anchors to where no message was heard.
+    let mut anchors = String::from("anchor,x,y,z\n");
+    let near = [[10e3, -11e3], [-67e3, -47e3], [220e3, 100e3], [16e3, 128e3], [-62e3, 443e3]];
+    let far = (0..5).map(|i| [-1400e3 + 30e3 * f64::from(i), -700e3 - 20e3 * f64::from(i)]);
+    for (i, [x, y]) in near.into_iter().chain(far).enumerate() {
+        anchors += &format!("R{i},{x},{y},0\n");
+    }
+    let mut chance = Chance(5);
+    let (mut table, mut truth) = (String::from("t,target,kind,anchor,anchor2,value\n"), String::from("t,target,x,y\n"));
+    for tag in 0..20 {
+        let start = [150e3 * chance.uniform(), 200e3 * chance.uniform()];
+        let speed = [150.0 * chance.normal(), 150.0 * chance.normal()];
+        for i in 0..8 {
+            let t = 45.0 * f64::from(i);
+            let at = [start[0] + speed[0] * t, start[1] + speed[1] * t];
+            let heard: Vec<f64> = near
+                .iter()
+                .map(|a| {
+                    ((at[0] - a[0]).powi(2) + (at[1] - a[1]).powi(2) + 9e3_f64.powi(2)).sqrt() + 35.0 * chance.normal()
+                })
+                .collect();
+            for j in 1..5 {
+                table += &format!("{t},P{tag},tdoa,R{j},R0,{}\n", heard[j] - heard[0]);
+            }
+            truth += &format!("{t},P{tag},{},{}\n", at[0], at[1]);
+        }
+    }
+    let folder = Folder::new();
+    folder.write("m.csv", table).write("truth.csv", truth).write("anchors.csv", anchors).write("spec.toml", COUNTRY);
+    let ran =
+        folder.run(&["track", "-c", "spec.toml", "m.csv", "-o", "t.csv", "--truth", "truth.csv", "--json"]).good();
+    let overall = &ran.json()["truth"]["overall"];
+    // The first instant of each target has half the measurements that a robust start waits for; a start may take one more.
+    assert!(overall["missing"].as_u64().expect("a count") <= 30, "{overall}");
+    assert!(overall["p50_m"].as_f64().expect("an error") < 100.0, "{overall}");
+    assert!(overall["max_m"].as_f64().expect("an error") < 3000.0, "{overall}");
+}
+
+/// The folder of the recordings, which are not part of the repository.
+fn recordings() -> Option<std::path::PathBuf> {
+    let beside = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
+    let folder = std::env::var_os("FIXTRAIL_DATA").map_or(beside, Into::into);
+    if folder.is_dir() {
+        return Some(folder);
+    }
+    println!("not tested: no recordings in {}", folder.display());
+    None
+}
+
+#[test]
+fn recordings_without_a_spec_end_in_sensible_trails() {
+    let Some(data) = recordings() else { return };
+    // RMSE in metres: half as much again as measured when this was written.
+    let bounds = [
+        ("uwb_labyrinth/rec1", 0.25),
+        ("uwb_hanyang_outdoor/nlos_B4", 0.6),
+        ("wifi_rtt_walk/canteen_1_u1", 0.9),
+        ("wifi_rtt_walk/conference_1_u1", 3.7),
+        ("ble_rssi_tetam/zigzagging_with_rotation", 3.0),
+        ("ble_rssi_flat/calib3", 3.7),
+        ("gnss_comma2k19/ublox", 2.2),
+    ];
+    let folder = Folder::new();
+    for (recording, bound) in bounds {
+        let file = |name: &str| data.join(recording).join(name).to_string_lossy().into_owned();
+        let (table, truth) = (file("measurements.csv"), file("truth.csv"));
+        let ran = folder.run(&["track", &table, "-o", "t.csv", "--truth", &truth, "--json"]).good();
+        let rmse = ran.json()["truth"]["overall"]["rmse_m"].as_f64().expect("an error");
+        assert!(rmse < bound, "{recording}: {rmse}");
+    }
+}
+
+#[test]
+fn aircraft_with_their_heights_are_within_75_metres() {
+    let Some(data) = recordings() else { return };
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let spec = root.join("examples/tdoa_locards_aircraft.toml").to_string_lossy().into_owned();
+    let folder = Folder::new();
+    for set in ["set_1", "set_2"] {
+        let file = |name: &str| data.join("tdoa_locards_aircraft").join(set).join(name).to_string_lossy().into_owned();
+        let (table, anchors) = (file("measurements.csv"), file("anchors.csv"));
+        let common = ["-c", &spec, "--anchors", &anchors];
+        folder.run(&[&["track"], &common[..], &[&table, "-o", "rough.csv"]].concat()).good();
+        let rough = folder.path("rough.csv");
+        let joined = std::process::Command::new(root.join("scripts/altimeter"))
+            .args([table.as_ref(), file("altitude.csv").as_ref(), rough.as_os_str()])
+            .output()
+            .expect("Python");
+        assert!(joined.status.success(), "{joined:?}");
+        folder.write("with_heights.csv", joined.stdout);
+        let truth = file("truth.csv");
+        let last = ["with_heights.csv", "-o", "t.csv", "--truth", &truth, "--json"];
+        let ran = folder.run(&[&["track"], &common[..], &last].concat()).good();
+        let overall = &ran.json()["truth"]["overall"];
+        assert!(overall["p50_m"].as_f64().expect("an error") <= 75.0, "{set}: {overall}");
+        // A wrong solution is hundreds of kilometres off.
+        assert!(overall["max_m"].as_f64().expect("an error") < 20e3, "{set}: {overall}");
+        assert!(overall["instants"].as_u64() > Some(200), "{set}: {overall}");
+    }
+}

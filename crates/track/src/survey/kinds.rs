@@ -25,14 +25,14 @@ pub(super) struct KindFit {
 const CLEARLY: f64 = 0.9;
 /// Moments that the search for a height looks at.
 const HEIGHT_MOMENTS: usize = 100;
-/// Irregular ranges within this many usual intervals count as of one moment where those of one instant are too few.
+/// Ranges within this many usual intervals count as of one moment where those of one are too few.
 const NEARLY: f64 = 4.0;
 /// A strength is averaged over this long, seconds.
 const STRENGTH_S: f64 = 2.0;
 /// Part of the anchors' spread by which targets are taken to be below them for strengths: close to an anchor the law is too steep to follow.
 const BLUNT: f64 = 0.4;
 /// A target that reports rarely keeps its velocity to this part of it between two reports.
-const VEERS: f64 = 0.3;
+const VEERS: f64 = 0.2;
 
 /// Each target's moments of a kind.
 struct Moments(Vec<Vec<Moment>>);
@@ -61,7 +61,7 @@ impl Moments {
         if kind != Kind::Range || rich >= fixes::FEWEST_MOMENTS {
             return strict;
         }
-        gather(&|t| t.period_s.map_or(NEARLY * usual_s(t), |p| 0.9 * p))
+        gather(&|t| NEARLY * usual_s(t))
     }
 
     fn all(&self) -> impl Iterator<Item = &Moment> {

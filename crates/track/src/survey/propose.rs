@@ -56,6 +56,8 @@ pub struct Circumstances<'a> {
 
 /// A ranging radio in a room errs by this much even when its readings hardly jitter, metres.
 const LEAST_RANGE_SD: f64 = 0.15;
+/// One height for all targets costs time differences this many times their misfit.
+const HEIGHTS_DIFFER: f64 = 4.0;
 /// A time difference does so too, metres.
 const LEAST_DIFFERENCE_SD: f64 = 0.15;
 /// A direction, radians: a degree.
@@ -251,7 +253,7 @@ fn tune(chosen: &Chosen<'_>) -> String {
     } else if chosen.bearing.is_some() {
         "how each anchor is turned".to_owned()
     } else {
-        "noise levels that make the claimed uncertainty true; errors that neighbouring rows share are not seen here"
+        "noise levels that make the claimed uncertainty true; what neighbouring rows are off by together is not seen here"
             .to_owned()
     };
     format!("`fixtrail tune` would gain: {gain}")
@@ -438,10 +440,10 @@ fn tdoa_sensor(
     let (sd, why) = match (tdoa.fit_sd, tdoa.quick_sd) {
         (Some(fit), _) if tdoa.fit_height_m.is_some() && chosen.axes() == 2 => {
             let miss = format!(
-                "the differences of one moment miss a common point by {} m; twice that, as heights differ",
+                "the differences of one moment miss a common point by {} m; four times that, as heights differ",
                 short(fit)
             );
-            (2.0 * fit, miss)
+            (HEIGHTS_DIFFER * fit, miss)
         }
         (Some(fit), _) => (fit, "how far the differences of one moment miss the best common point".to_owned()),
         (None, Some(quick)) => (3.0 * quick, "three times the jitter from one row to the next".to_owned()),
