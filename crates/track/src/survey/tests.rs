@@ -340,7 +340,7 @@ fn strengths_tell_their_law_and_targets_start_among_the_anchors() {
     let spec = parses(&propose(&survey, &circumstances()).expect("strengths").text);
     let spec::ModelSpec::Kinematic(model) = &spec.model else { panic!("{spec:?}") };
     let prior = model.prior.as_ref().expect("a start");
-    assert_eq!((model.axes, &prior.mean[..2]), (2, &[6.0, 4.75][..]));
+    assert_eq!((model.axes, &prior.mean[..2]), (2, &[6.0, 5.0][..]));
     // Few moments: free space.
     let few = (0..3).map(|id| packet(0.0, Content::Rssi { anchor: id, value_dbm: -60.0 })).collect();
     let survey = super::survey(&one(few), &anchors);
