@@ -156,7 +156,8 @@ impl<R: Row> Reading<'_, R> {
         let metres = |col: Col| self.number(col, "metres");
         let local = [metres(Col::X)?, metres(Col::Y)?, metres(Col::Z)?];
         let (lat, lon) = (self.number(Col::Lat, "degrees")?, self.number(Col::Lon, "degrees")?);
-        let is_local = local[0].is_some() || local[1].is_some();
+        // A height alone is a position too: an altimeter's.
+        let is_local = local[0].is_some() || local[1].is_some() || local[2].is_some() && lat.is_none() && lon.is_none();
         match (is_local, lat, lon) {
             (true, None, None) => Ok((local, false)),
             (false, Some(lat), Some(lon)) => {

@@ -8,7 +8,7 @@ use fixtrail_track::error::BuildError;
 use fixtrail_track::packet::Kind;
 use fixtrail_track::registry::{self, BuildOptions};
 use fixtrail_track::spec::{self, ArrivalSpec, ModelSpec, Receiver, Spec};
-use fixtrail_track::survey::{Circumstances, ProposeError, Survey, propose, survey};
+use fixtrail_track::survey::{Circumstances, Proposal, ProposeError, Survey, propose, survey};
 use fixtrail_track::trackers::LaggedMode;
 use std::collections::BTreeMap;
 use std::fs;
@@ -68,6 +68,8 @@ pub struct SpecText {
     pub text: String,
     /// What it says.
     pub spec: Spec,
+    /// Why a proposal is as it is, a line per choice, and what tuning would gain.
+    pub reasons: Vec<String>,
 }
 
 impl SpecText {
@@ -200,10 +202,11 @@ impl DataArguments {
         let circumstances = Circumstances { data: &name, geodetic, anchors: anchors.as_deref() };
         match propose(survey, &circumstances) {
             Err(why) => Ok(Err(why)),
-            Ok(text) => {
+            Ok(Proposal { text, mut reasons, tune }) => {
                 let path = Path::new("proposed spec");
                 let spec = spec::parse(&text, path, &mut |p| fs::read(p))?;
-                Ok(Ok(SpecText { path: None, text, spec }))
+                reasons.push(tune);
+                Ok(Ok(SpecText { path: None, text, spec, reasons }))
             }
         }
     }
@@ -227,7 +230,7 @@ pub fn read_spec(path: &Path) -> Result<SpecText, Failure> {
         BuildError::new(path, Some(line), None, format!("has the byte 0x{byte:02x}, expected UTF-8 text"))
     })?;
     let spec = spec::parse(&text, path, &mut |p| fs::read(p))?;
-    Ok(SpecText { path: Some(path.to_owned()), text, spec })
+    Ok(SpecText { path: Some(path.to_owned()), text, spec, reasons: Vec::new() })
 }
 
 /// The anchors table that a spec names, relative to the spec's folder.

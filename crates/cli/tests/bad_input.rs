@@ -180,7 +180,19 @@ fn tables() -> Vec<Case> {
             name: "rssi only, no spec",
             files: vec![("m.csv", b"t,kind,anchor,value\n0,rssi,A0,-60\n1,rssi,A0,-61\n".to_vec())],
             arguments: &["m.csv", "-o", "t.csv"],
-            says: &["m.csv", "rssi", "position"],
+            says: &["m.csv", "rssi", "1 anchor only", "position"],
+        },
+        Case {
+            name: "rssi of an unknown anchor, no spec",
+            files: vec![("m.csv", b"t,kind,anchor,value\n0,rssi,A0,-60\n1,rssi,A9,-61\n".to_vec())],
+            arguments: &["m.csv", "-o", "t.csv"],
+            says: &["m.csv:3", "anchor", "A9"],
+        },
+        Case {
+            name: "tdoa without a reference, no spec",
+            files: vec![("m.csv", b"t,kind,anchor,anchor2,value\n0,tdoa,A0,,1\n".to_vec())],
+            arguments: &["m.csv", "-o", "t.csv"],
+            says: &["m.csv:2", "anchor2"],
         },
         Case {
             name: "linear, no spec",

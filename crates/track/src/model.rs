@@ -7,6 +7,7 @@ use crate::spec::{LinearStep, ModeSpec, Robust, SensorSpec};
 use crate::tracker::Step;
 use fixtrail_core::linalg::{Common, whiten};
 use fixtrail_core::models::{CoordinatedTurn, Drift, GaussMarkov, Integrators};
+use fixtrail_core::position::{Point, tdoa};
 use fixtrail_core::sensors::{Pair, PathLoss};
 use fixtrail_core::{Belief, Matrix, Row, Transition, Vector, sensors};
 use std::sync::Arc;
@@ -35,6 +36,11 @@ pub trait Sensing<const N: usize>: Send + Sync {
     /// Appends what the receiver of a link without time stamps holds at an instant, linearised at `x`: every value that a packet has room
     /// for, also one that is lost, with noise that may be correlated.
     fn held(&self, step: &Step<'_>, x: &Vector<N>, out: &mut HeldRows<N>);
+
+    /// Places that one instant's packets suggest by themselves, the likeliest first: starts for a search. None where any start will do.
+    fn places(&self, _step: &Step<'_>) -> Vec<[f64; 3]> {
+        Vec::new()
+    }
 }
 
 /// What a receiver holds at one instant.
@@ -394,6 +400,63 @@ impl Radios {
     }
 }
 
+/// Most places that one instant suggests.
+const MOST_PLACES: usize = 3;
+
+impl Radios {
+    /// Where `A` axes put a target by the time differences of one instant to the reference anchor that most of them share.
+    fn meets<const A: usize>(&self, step: &Step<'_>, height_m: Option<f64>) -> Vec<[f64; 3]> {
+        let Some(radio) = self.sensors.iter().find(|s| s.kind == Kind::Tdoa) else { return Vec::new() };
+        let of = |shared: AnchorId| step.packets.iter().filter(move |p| reference(p) == Some(shared));
+        let candidates = step.packets.iter().filter_map(reference);
+        let Some(shared) = candidates.max_by_key(|id| (of(*id).count(), *id)) else { return Vec::new() };
+        let difference = |p: &Packet| match p.content {
+            Content::Tdoa { anchor, value_m, .. } => {
+                let var = p.sd.unwrap_or(radio.sd).powi(2);
+                let anchor_m = radio.anchors[anchor as usize].0;
+                Some(tdoa::Difference { anchor_m, difference_m: value_m, var_m2: (1.0 - SHARED) * var })
+            }
+            _ => None,
+        };
+        let differences: Vec<tdoa::Difference> = of(shared).filter_map(difference).collect();
+        if differences.len() < A {
+            return Vec::new();
+        }
+        let data = tdoa::Differences {
+            reference_m: radio.anchors[shared as usize].0,
+            reference_var_m2: SHARED * radio.sd * radio.sd,
+            differences: &differences,
+            height_m,
+        };
+        let flat = |p: &[f64; 3]| Vector::<A>::from_fn(|i, _| p[i]);
+        let heard = || differences.iter().map(|d| &d.anchor_m).chain([&data.reference_m]);
+        let centre = heard().map(flat).sum::<Vector<A>>() / heard().count() as f64;
+        let mut starts = match tdoa::linear::<A>(&data) {
+            tdoa::Linear::Unique { position_m, .. } => vec![position_m],
+            tdoa::Linear::Roots(roots) => roots.into_iter().flatten().collect(),
+            tdoa::Linear::NotDetermined => Vec::new(),
+        };
+        // One bad difference leads the linear start astray: the target is also sought at the centre and on the way to each anchor.
+        starts.push(centre);
+        starts.extend(heard().map(|a| (flat(a) + centre) * 0.5));
+        let mut found: Vec<Point<A>> = starts.iter().filter_map(|s| tdoa::gauss_newton(&data, s)).collect();
+        found.sort_by(|a, b| a.chi2.total_cmp(&b.chi2));
+        let mut places: Vec<Point<A>> = Vec::new();
+        for point in found {
+            let same = |p: &Point<A>| {
+                (p.belief.mean - point.belief.mean).norm_squared()
+                    <= 1e-6 * p.belief.cov.trace().min(point.belief.cov.trace())
+            };
+            if places.len() < MOST_PLACES && !places.iter().any(same) {
+                places.push(point);
+            }
+        }
+        let place =
+            |p: Point<A>| core::array::from_fn(|i| if i < A { p.belief.mean[i] } else { height_m.unwrap_or(0.0) });
+        places.into_iter().map(place).collect()
+    }
+}
+
 /// Correlation of two time differences of an instant that share their reference anchor: every anchor's clock and receiver have the same part
 /// in the noise.
 const SHARED: f64 = 0.5;
@@ -419,6 +482,20 @@ impl<const N: usize> Sensing<N> for Radios {
                     }
                 }),
             }
+        }
+    }
+
+    fn places(&self, step: &Step<'_>) -> Vec<[f64; 3]> {
+        let measured = step.packets.iter().find_map(|p| match p.content {
+            Content::Position([None, None, height_m]) => height_m,
+            _ => None,
+        });
+        let known = self.sensors.iter().find(|s| s.kind == Kind::Tdoa).and_then(|s| s.height_m);
+        match (self.axes, measured) {
+            (2, _) => self.meets::<2>(step, known),
+            (3, None) => self.meets::<3>(step, None),
+            (3, height_m) => self.meets::<2>(step, height_m),
+            _ => Vec::new(),
         }
     }
 

@@ -75,7 +75,13 @@ pub(crate) fn enough<'a>(axes: usize, kept: impl Iterator<Item = &'a Kept>) -> b
     let mut count = 0;
     for packet in kept.flat_map(|k| &k.packets) {
         let (kind, anchors) = packet.source();
+        let height_alone = matches!(packet.content, Content::Position([None, None, _]));
+        if height_alone && axes < 3 {
+            continue;
+        }
         let source = match kind {
+            // A height is one thing known, like a range.
+            Kind::Position if height_alone => (kind, anchors),
             Kind::Position | Kind::Linear => return true,
             Kind::Range | Kind::Rssi => (Kind::Range, anchors),
             Kind::Tdoa | Kind::Bearing => (kind, anchors),
@@ -204,8 +210,7 @@ impl<const N: usize> Search<N> {
                 break None;
             }
             let cold = cold_start(model, self.kept.iter());
-            let mut view = KeptWindow { model, kept: &self.kept, rows: &mut self.rows };
-            let belief = self.newton.solve(&mut view, self.kept.len(), None, &cold).map_err(StepError::Core)?.filter;
+            let belief = self.best(model, &cold)?;
             if !robust || belief.is_none() {
                 break belief;
             }
@@ -231,6 +236,47 @@ impl<const N: usize> Search<N> {
             (self.kept, self.newton) = (kept, newton);
         }
         Ok(found)
+    }
+
+    /// The newest state by the solution of the window that fits best: the one that the search goes on to, or those from the places that its
+    /// first and its newest instant suggest by themselves. Time differences have valleys that the centre of the anchors does not lead out of.
+    fn best(&mut self, model: &Model<N>, cold: &ColdStart<N>) -> Result<Option<Belief<N>>, StepError> {
+        let len = self.kept.len();
+        let mut view = KeptWindow { model, kept: &self.kept, rows: &mut self.rows };
+        let mut best = self.newton.solve(&mut view, len, None, cold).map_err(StepError::Core)?.filter;
+        let ends = [self.kept.front(), self.kept.back().filter(|_| len > 1)];
+        let places: Vec<[f64; 3]> =
+            ends.into_iter().flatten().flat_map(|kept| model.sensing.places(&kept.step())).collect();
+        let mut least =
+            if places.is_empty() || best.is_none() { f64::INFINITY } else { self.misfit(model, &self.newton.clone()) };
+        for place in places {
+            let guess = Vector::from_fn(|i, _| if i < model.layout.axes { place[i] } else { 0.0 });
+            let mut newton = self.newton.clone();
+            newton.clear();
+            let mut view = KeptWindow { model, kept: &self.kept, rows: &mut self.rows };
+            let start = ColdStart { guess, ..*cold };
+            let Some(found) = newton.solve(&mut view, len, None, &start).map_err(StepError::Core)?.filter else {
+                continue;
+            };
+            let misfit = self.misfit(model, &newton);
+            // The same solution found again is no better.
+            if misfit < least - 1e-6 * (1.0 + misfit) {
+                (best, least) = (Some(found), misfit);
+                self.newton = newton;
+            }
+        }
+        Ok(best)
+    }
+
+    /// Sum of the squared misses of a solution's measurements over their variances.
+    fn misfit(&mut self, model: &Model<N>, newton: &Newton<N, Heap>) -> f64 {
+        let mut sum = 0.0;
+        for (kept, x) in self.kept.iter().zip(newton.nominal()) {
+            self.rows.clear();
+            model.sensing.rows(&kept.step(), x, &mut self.rows);
+            sum += self.rows.iter().map(|r| r.residual * r.residual / r.var).sum::<f64>();
+        }
+        sum
     }
 
     /// Number of rows in the window, and the packet that misses its solution by most standard deviations: instant, packet, how many.

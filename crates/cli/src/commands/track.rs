@@ -208,6 +208,7 @@ fn announce(arguments: &Arguments, spec: &SpecText) {
         Some(path) => say(format_args!("no spec given: using the one the data suggest, saved to {}", path.display())),
         None => say("no spec given: using the one the data suggest (--write-spec FILE saves it)"),
     }
+    spec.reasons.iter().for_each(|reason| say(format_args!("  {reason}")));
 }
 
 fn track_all(

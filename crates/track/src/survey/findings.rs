@@ -159,14 +159,20 @@ fn anchors(survey: &Survey, list: &mut Vec<Finding>) {
             ),
         );
     }
-    if !survey.kinds.iter().any(|k| k.kind == Kind::Range) {
+    let distances = |k: &&KindSurvey| matches!(k.kind, Kind::Range | Kind::Rssi);
+    let Some(kind) = survey.kinds.iter().find(distances) else { return };
+    if survey.kinds.iter().any(|k| !distances(&k) && !k.only_heights) {
         return;
     }
     match geometry.count {
         0..=2 => add(
             list,
             Severity::Problem,
-            format!("ranges to {} do not settle a position, three are needed", count(geometry.count as u64, "anchor")),
+            format!(
+                "{} to {} do not settle a position, three are needed",
+                if kind.kind == Kind::Range { "ranges" } else { "strengths" },
+                count(geometry.count as u64, "anchor")
+            ),
         ),
         _ if geometry.is_collinear() => add(
             list,
@@ -207,10 +213,16 @@ fn values(kind: &KindSurvey, survey: &Survey, list: &mut Vec<Finding>) {
             name(worst.target.as_deref()),
             anchor.unwrap_or_default()
         );
-        let trackable = matches!(kind.kind, Kind::Position | Kind::Range);
-        add(list, if share > 0.1 && trackable { Severity::Warning } else { Severity::Note }, text);
+        // Strengths fade.
+        let robust = kind.kind == Kind::Rssi;
+        add(list, if share > 0.1 && !robust { Severity::Warning } else { Severity::Note }, text);
     }
-    if let (Some(quick), Some(fit)) = (kind.quick_sd, kind.fit_sd)
+    if let Some(bias) = kind.fit_bias_m {
+        let text =
+            format!("ranges are {} m too long at all anchors, as far as they can tell by themselves", short(bias));
+        add(list, Severity::Note, text);
+    }
+    if let (Kind::Range, Some(quick), Some(fit)) = (kind.kind, kind.quick_sd, kind.fit_sd)
         && fit > 2.0 * quick
     {
         let text = format!(
@@ -219,9 +231,5 @@ fn values(kind: &KindSurvey, survey: &Survey, list: &mut Vec<Finding>) {
             short(fit)
         );
         add(list, Severity::Warning, text);
-    }
-    if matches!(kind.kind, Kind::Rssi | Kind::Tdoa | Kind::Bearing) {
-        let text = format!("{} of kind `{}` cannot be tracked yet", count(kind.rows, "row"), kind.kind.name());
-        add(list, Severity::Note, text);
     }
 }

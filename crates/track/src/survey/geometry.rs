@@ -18,6 +18,8 @@ pub struct Geometry {
     pub height_m: f64,
     /// Lowest and highest anchor, metres.
     pub heights_m: [f64; 2],
+    /// Median place in the plan, metres.
+    pub middle_m: [f64; 2],
 }
 
 /// Anchors thinner than this share of their largest extent stand, for a tracker, on one line or plane.
@@ -45,8 +47,14 @@ impl Geometry {
             spread_m: [space[0], space[1], space[2]],
             plan_spread_m: [plan[0], plan[1]],
             height_m,
+            middle_m: [median(positions.iter().map(|p| p.x))?, median(positions.iter().map(|p| p.y))?],
             heights_m: [heights().fold(f64::MAX, f64::min), heights().fold(f64::MIN, f64::max)],
         })
+    }
+
+    /// Whether the anchors' table has no heights: all are 0, as on a plan.
+    pub fn is_plan(&self) -> bool {
+        self.heights_m == [0.0, 0.0]
     }
 
     /// Whether the anchors stand on one line in the plan: positions to its left and right look alike.

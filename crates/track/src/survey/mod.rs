@@ -3,13 +3,15 @@
 //! [`survey`](fn@survey) looks at packets and says what it finds; [`propose`] turns that into a commented spec.
 
 mod findings;
+mod fixes;
 mod geometry;
-mod lateration;
+mod kinds;
 mod loss;
 mod noise;
 mod propose;
 mod series;
 mod stats;
+mod strengths;
 mod timing;
 
 #[cfg(test)]
@@ -18,13 +20,15 @@ mod tests;
 pub(crate) use findings::short;
 pub use geometry::Geometry;
 pub use loss::{Basis, Loss, MAX_BURST};
-pub use propose::{Circumstances, ProposeError, propose};
+pub use propose::{Circumstances, Proposal, ProposeError, propose};
 pub use stats::Quantiles;
+pub use strengths::Law;
 pub use timing::{Late, Silences};
 
 use crate::anchors::Anchors;
 use crate::packet::{AnchorId, Content, Kind, Packet};
 use crate::target::TargetPackets;
+use kinds::KindFit;
 use noise::{Liveliness, Samples};
 use std::collections::BTreeMap;
 
@@ -93,10 +97,18 @@ pub struct KindSurvey {
     pub quick_sd: Option<f64>,
     /// The same of the height of a position.
     pub quick_sd_z: Option<f64>,
-    /// Range: standard deviation about the points that fit the ranges of one moment best.
+    /// Number of anchors that its rows name.
+    pub anchors: usize,
+    /// Standard deviation about the points that fit the measurements of one moment best.
     pub fit_sd: Option<f64>,
-    /// Range, planar: the height of the target at which its ranges fit best, where that is clearly better than the anchors' height.
+    /// Planar ranges and time differences: the height of the target at which they fit best, where that is clearly better than the anchors' height.
     pub fit_height_m: Option<f64>,
+    /// Range: by how much all of them are too long, where that explains them best.
+    pub fit_bias_m: Option<f64>,
+    /// Signal strength: the law of its loss.
+    pub law: Option<Law>,
+    /// Position: whether all of them are heights alone.
+    pub only_heights: bool,
     /// 95 % quantile of the speed: of approach for a range, over ground for a position.
     pub speed: Option<f64>,
     /// Power spectral density of the acceleration per axis, unit²/s³.
@@ -177,9 +189,9 @@ pub fn survey(targets: &[TargetPackets], anchors: &Anchors) -> Survey {
     let heard = anchor_rows(targets, anchors);
     let ids: Vec<AnchorId> = (0..anchors.len() as AnchorId).filter(|id| heard[*id as usize] > 0).collect();
     let geometry = Geometry::of(anchors, &ids);
-    let fit = geometry.as_ref().map(|g| fit_ranges(targets, &surveyed, anchors, g)).unwrap_or_default();
+    let fit = |kind| geometry.as_ref().map(|g| kinds::fit(kind, targets, &surveyed, anchors, g)).unwrap_or_default();
     let kinds: Vec<KindSurvey> =
-        Kind::NAMES.iter().filter_map(|(_, kind)| survey_kind(*kind, targets, &split, &fit)).collect();
+        Kind::NAMES.iter().filter_map(|(_, kind)| survey_kind(*kind, targets, &split, fit)).collect();
     let total: u64 = heard.iter().sum();
     let mut loss: Option<Loss> = None;
     for one in surveyed.iter().filter_map(|t| t.loss.as_ref()) {
@@ -277,7 +289,7 @@ fn survey_kind(
     kind: Kind,
     targets: &[TargetPackets],
     split: &[BTreeMap<series::Source, series::Series>],
-    fit: &RangeFit,
+    fit: impl Fn(Kind) -> KindFit,
 ) -> Option<KindSurvey> {
     let of_kind = |p: &&Packet| p.content.kind() == kind;
     let rows = targets.iter().flat_map(|t| &t.packets).filter(of_kind).count() as u64;
@@ -291,8 +303,12 @@ fn survey_kind(
         typical: None,
         quick_sd: None,
         quick_sd_z: None,
+        anchors: 0,
         fit_sd: None,
         fit_height_m: None,
+        fit_bias_m: None,
+        law: None,
+        only_heights: false,
         speed: None,
         psd: None,
         psd_z: None,
@@ -303,7 +319,14 @@ fn survey_kind(
     if kind == Kind::Linear {
         return Some(found);
     }
+    let fit = fit(kind);
     let fit_sd = fit.sd.filter(|_| kind == Kind::Range);
+    let sources = split.iter().flat_map(|s| s.keys()).filter(|s| s.kind == kind);
+    let heard: std::collections::BTreeSet<AnchorId> = sources.flat_map(|s| [s.anchor, s.reference]).flatten().collect();
+    found.anchors = heard.len();
+    let is_height = |p: &Packet| matches!(p.content, Content::Position([None, None, _]));
+    found.only_heights =
+        kind == Kind::Position && targets.iter().flat_map(|t| &t.packets).filter(of_kind).all(is_height);
     let mut magnitudes = Vec::new();
     let mut columns: [Vec<SeriesSurvey>; 3] = Default::default();
     for (target, sources) in targets.iter().zip(split) {
@@ -335,61 +358,21 @@ fn survey_kind(
     let plane: Vec<&SeriesSurvey> = columns[0].iter().chain(&columns[1]).collect();
     let height: Vec<&SeriesSurvey> = columns[2].iter().collect();
     found.typical = stats::median(magnitudes);
-    if kind == Kind::Range {
-        found.fit_sd = fit.sd;
-        found.fit_height_m = fit.height_m;
-        found.axes = if fit.spatial { 3 } else { 2 };
+    found.fit_sd = fit.sd;
+    found.fit_height_m = fit.height_m;
+    found.fit_bias_m = fit.bias_m;
+    found.law = fit.law;
+    if fit.spatial {
+        found.axes = 3;
     }
     found.quick_sd = upper(&plane, &|s| s.sd, 0.75);
     found.quick_sd_z = upper(&height, &|s| s.sd, 0.75);
     found.psd = upper(&plane, &|s| s.live.map(|l| l.psd), 0.75);
     found.psd_z = upper(&height, &|s| s.live.map(|l| l.psd), 0.75);
     found.speed = upper(&plane, &|s| s.live.map(|l| l.speed), 0.75);
-    Some(found)
-}
-
-/// What the ranges of one moment say together.
-#[derive(Default)]
-struct RangeFit {
-    /// Whether they settle the height.
-    spatial: bool,
-    sd: Option<f64>,
-    height_m: Option<f64>,
-}
-
-fn fit_ranges(
-    targets: &[TargetPackets],
-    surveyed: &[TargetSurvey],
-    anchors: &Anchors,
-    geometry: &Geometry,
-) -> RangeFit {
-    let ranges = targets.iter().flat_map(|t| &t.packets).filter_map(|p| match p.content {
-        Content::Range { value_m, .. } => Some(value_m),
-        _ => None,
-    });
-    let Some(typical_m) = stats::median(ranges) else { return RangeFit::default() };
-    let spatial = geometry.settles_height(typical_m);
-    let axes = if spatial { 3 } else { 2 };
-    let moments: Vec<_> = targets
-        .iter()
-        .zip(surveyed)
-        .map(|(target, timing)| {
-            // One report of each source; irregular sources must agree in time.
-            let within_s = timing.period_s.map_or(0.0, |p| 0.9 * p);
-            lateration::moments(&target.packets, anchors, axes, within_s)
-        })
-        .collect();
-    let fit = |height_m: f64| stats::median(moments.iter().filter_map(|m| lateration::residual_sd(m, axes, height_m)));
-    let mut found = RangeFit { spatial, sd: fit(geometry.height_m), height_m: None };
-    let Some(at_anchors) = found.sd.filter(|_| !spatial) else { return found };
-    // Anchors hang at the ceiling or stand on masts: targets are rather below them than above, and the two look alike.
-    for quarter in 1..=16 {
-        let height_m = geometry.height_m - 0.25 * f64::from(quarter);
-        let best = found.sd.unwrap_or(at_anchors).min(0.9 * at_anchors);
-        if let Some(sd) = fit(height_m).filter(|sd| *sd < best) {
-            found.sd = Some(sd);
-            found.height_m = Some(height_m);
-        }
+    if !matches!(kind, Kind::Position | Kind::Range) {
+        // A strength or a difference does not say how the target moves, the places that they fit do.
+        (found.psd, found.speed) = (fit.psd, fit.speed);
     }
-    found
+    Some(found)
 }

@@ -254,7 +254,7 @@ fn proposal_for_positions_is_a_kalman_filter_with_the_axes_of_the_data() {
         .map(|i| packet(0.1 * i as f64, Content::Position([Some(chance.normal()), Some(1.0), Some(0.1 * i as f64)])))
         .collect();
     for (packets, axes) in [(flat, 2), (climbing, 3)] {
-        let text = propose(&survey(&one(packets), &Anchors::default()), &circumstances()).expect("positions");
+        let text = propose(&survey(&one(packets), &Anchors::default()), &circumstances()).expect("positions").text;
         let spec = parses(&text);
         let spec::ModelSpec::Kinematic(model) = &spec.model else { panic!("{text}") };
         assert_eq!((model.order, model.axes), (2, axes), "{text}");
@@ -267,7 +267,7 @@ fn proposal_for_ranges_settles_the_height_only_where_the_anchors_do() {
     for (spread, axes) in [(true, 3), (false, 2)] {
         let anchors = room(spread);
         let packets = ranges(&anchors, 0.1, 0.0, 500, &mut Chance(8));
-        let text = propose(&survey(&one(packets), &anchors), &circumstances()).expect("ranges");
+        let text = propose(&survey(&one(packets), &anchors), &circumstances()).expect("ranges").text;
         let spec = parses(&text);
         let spec::ModelSpec::Kinematic(model) = &spec.model else { panic!("{text}") };
         assert_eq!(model.axes, axes, "{text}");
@@ -276,10 +276,113 @@ fn proposal_for_ranges_settles_the_height_only_where_the_anchors_do() {
     }
 }
 
+/// Six anchors about a hall, all heights 0, and the distances to them along a walk, twice a second.
+fn hall() -> (Anchors, Vec<(f64, Vec<f64>)>) {
+    let mut anchors = Anchors::default();
+    let places = [[0.0, 0.0], [12.0, 0.0], [12.0, 10.0], [0.0, 10.0], [6.0, 0.5], [6.0, 9.5]];
+    for (i, [x, y]) in places.into_iter().enumerate() {
+        anchors.add(&format!("A{i}"), [x, y, 0.0]);
+    }
+    let walk = (0..400).map(|i| {
+        let t = 0.5 * i as f64;
+        let (x, y) = (6.0 + 4.5 * (0.1 * t).cos(), 5.0 + 3.5 * (0.13 * t).sin());
+        (t, places.iter().map(|p| (x - p[0]).hypot(y - p[1])).collect())
+    });
+    (anchors, walk.collect())
+}
+
+#[test]
+fn ranges_that_are_all_too_long_lose_what_they_have_in_common() {
+    let (anchors, walk) = hall();
+    for bias in [0.0, 1.5] {
+        let mut chance = Chance(11);
+        let mut packets = Vec::new();
+        for (t, distances) in &walk {
+            for (id, d) in distances.iter().enumerate() {
+                let value_m = d + bias + 0.2 * chance.normal();
+                packets.push(packet(*t, Content::Range { anchor: id as AnchorId, value_m }));
+            }
+        }
+        let survey = survey(&one(packets), &anchors);
+        let found = survey.kinds[0].fit_bias_m;
+        let text = propose(&survey, &circumstances()).expect("ranges").text;
+        let spec = parses(&text);
+        if bias == 0.0 {
+            assert_eq!((found, spec.sensors[0].bias.len()), (None, 0), "{text}");
+        } else {
+            // The median of some 200 values with a deviation of at most three times a range's: 0.6 · 1.25/√200 = 0.05.
+            assert!((found.expect("a bias") - bias).abs() < 0.15, "{found:?}");
+            assert_eq!(spec.sensors[0].bias.len(), 6, "{text}");
+        }
+        assert!(matches!(spec.sensors[0].robust, spec::Robust::Huber(_)), "{text}");
+        assert_eq!(spec.sensors[0].height_m, None, "a plan has no heights: {text}");
+    }
+}
+
+#[test]
+fn strengths_tell_their_law_and_targets_start_among_the_anchors() {
+    let (anchors, walk) = hall();
+    let mut chance = Chance(12);
+    let mut packets = Vec::new();
+    for (t, distances) in &walk {
+        for (id, d) in distances.iter().enumerate() {
+            let value_dbm = -45.0 - 25.0 * d.log10() + 3.0 * chance.normal();
+            packets.push(packet(*t, Content::Rssi { anchor: id as AnchorId, value_dbm }));
+        }
+    }
+    let survey = survey(&one(packets), &anchors);
+    let law = survey.kinds[0].law.expect("a law");
+    // The grid's exponents are half apart, and places are taken well below the anchors, which makes the law steeper.
+    assert!(law.fitted && (2.0..=3.0).contains(&law.exponent), "{law:?}");
+    // At the usual distance of 7 m the law says −66 dBm; noise of 3 dB averages out, the grid and the height remain.
+    let at_7_m = law.at_1m_dbm - 10.0 * law.exponent * (7.0_f64.powi(2) + 3.0_f64.powi(2)).sqrt().log10();
+    assert!((at_7_m + 66.1).abs() < 2.5, "{law:?} {at_7_m}");
+    let spec = parses(&propose(&survey, &circumstances()).expect("strengths").text);
+    let spec::ModelSpec::Kinematic(model) = &spec.model else { panic!("{spec:?}") };
+    let prior = model.prior.as_ref().expect("a start");
+    assert_eq!((model.axes, &prior.mean[..2]), (2, &[6.0, 5.0][..]));
+    // Few moments: free space.
+    let few = (0..3).map(|id| packet(0.0, Content::Rssi { anchor: id, value_dbm: -60.0 })).collect();
+    let survey = super::survey(&one(few), &anchors);
+    assert_eq!(survey.kinds[0].law.map(|l| (l.exponent, l.fitted)), Some((2.0, false)));
+    parses(&propose(&survey, &circumstances()).expect("strengths").text);
+}
+
+#[test]
+fn differences_and_bearings_tell_their_noise_from_the_places_they_fit() {
+    let (anchors, walk) = hall();
+    let mut chance = Chance(13);
+    let (mut differences, mut bearings) = (Vec::new(), Vec::new());
+    for (t, distances) in &walk {
+        let times: Vec<f64> = distances.iter().map(|d| d + 0.5 * chance.normal()).collect();
+        let (x, y) = (6.0 + 4.5 * (0.1 * t).cos(), 5.0 + 3.5 * (0.13 * t).sin());
+        for id in 0..anchors.len() as AnchorId {
+            let value_m = times[id as usize] - times[0];
+            if id > 0 {
+                differences.push(packet(*t, Content::Tdoa { anchor: id, reference: 0, value_m }));
+            }
+            let p = anchors.position_m(id);
+            let value_rad = (y - p[1]).atan2(x - p[0]) + 0.1 * chance.normal();
+            bearings.push(packet(*t, Content::Bearing { anchor: id, value_rad }));
+        }
+    }
+    // The reference's part of a difference's variance is common to all and moves the place: at least the own half is seen.
+    for (packets, low, high) in [(differences, 0.4, 0.75), (bearings, 0.09, 0.11)] {
+        let survey = survey(&one(packets), &anchors);
+        let found = survey.kinds[0].fit_sd.expect("enough moments");
+        assert!((low..high).contains(&found), "{found}");
+        let speed = survey.kinds[0].speed.expect("moving places");
+        assert!((0.2..10.0).contains(&speed), "{speed}");
+        let spec = parses(&propose(&survey, &circumstances()).expect("a sensor").text);
+        assert!((low * 0.9..high * 1.1).contains(&spec.sensors[0].sd), "{spec:?}");
+    }
+}
+
 #[test]
 fn proposal_survives_odd_names_and_few_rows() {
     let odd = Circumstances { data: "a\nmodel = 1.csv", geodetic: true, anchors: Some("my \"anchors\"\\\n.csv") };
-    let text = propose(&survey(&one(vec![position(0.0, 1.0, 2.0)]), &Anchors::default()), &odd).expect("positions");
+    let text =
+        propose(&survey(&one(vec![position(0.0, 1.0, 2.0)]), &Anchors::default()), &odd).expect("positions").text;
     assert_eq!(parses(&text).anchors.as_deref(), Some("my \"anchors\"\\\n.csv"));
 }
 
@@ -288,10 +391,10 @@ fn proposal_without_a_sensor_says_why() {
     let anchors = room(true);
     let rssi = |t| packet(t, Content::Rssi { anchor: 0, value_dbm: -60.0 });
     let with_ranges = [ranges(&anchors, 0.1, 0.0, 50, &mut Chance(9)), vec![rssi(0.5)]].concat();
-    let text = propose(&survey(&one(with_ranges), &anchors), &circumstances()).expect("ranges beside rssi");
-    assert!(text.contains("1 rows of kind `rssi` have no sensor yet"), "{text}");
+    let text = propose(&survey(&one(with_ranges), &anchors), &circumstances()).expect("ranges beside rssi").text;
+    assert!(text.contains("1 rows of kind `rssi` are left out"), "{text}");
     let only = propose(&survey(&one(vec![rssi(0.0), rssi(1.0)]), &anchors), &circumstances());
-    assert_eq!(only, Err(ProposeError::NoSensor("`rssi`".into())));
+    assert_eq!(only, Err(ProposeError::FewAnchors { kind: "rssi", anchors: 1, least: 3 }));
     let linear = packet(0.0, Content::Linear { z: vec![Some(1.0)], u: vec![] });
     let linear = Packet { k: Some(0), ..linear };
     assert_eq!(propose(&survey(&one(vec![linear]), &anchors), &circumstances()), Err(ProposeError::Linear));

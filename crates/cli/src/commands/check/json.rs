@@ -114,6 +114,8 @@ fn kind(k: &KindSurvey, survey: &Survey) -> Value {
         "jitter_sd_z": k.quick_sd_z,
         "misfit_sd": k.fit_sd,
         "misfit_height_m": k.fit_height_m,
+        "common_bias_m": k.fit_bias_m,
+        "path_loss": k.law.map(|l| json!({ "exponent": l.exponent, "at_1m_dbm": l.at_1m_dbm, "fitted": l.fitted })),
         "speed_m_s": k.speed,
         "acceleration_psd": k.psd,
         "outliers": k.outliers,
