@@ -27,6 +27,7 @@ Examples:
   fixtrail check measurements.csv                   what is in the data, and what is wrong with it
   fixtrail track measurements.csv -o trail.csv      measurements in, trail out
   fixtrail compare measurements.csv                 which estimator is best on them
+  fixtrail tune measurements.csv -o tuned.toml      numbers of a spec from recordings
 
 Every command explains itself: fixtrail track --help"
 )]
@@ -41,6 +42,7 @@ enum Command {
     Compare(commands::compare::Arguments),
     Check(commands::check::Arguments),
     Demo(commands::demo::Arguments),
+    Tune(commands::tune::Arguments),
     Simulate(commands::simulate::Arguments),
     Verify(commands::verify::Arguments),
     List(commands::list::Arguments),
@@ -52,6 +54,7 @@ fn main() -> ExitCode {
         Command::Compare(arguments) => commands::compare::run(&arguments),
         Command::Check(arguments) => commands::check::run(&arguments),
         Command::Demo(arguments) => commands::demo::run(&arguments),
+        Command::Tune(arguments) => commands::tune::run(&arguments),
         Command::Simulate(arguments) => commands::simulate::run(&arguments),
         Command::Verify(arguments) => commands::verify::run(&arguments),
         Command::List(arguments) => commands::list::run(&arguments),

@@ -35,6 +35,11 @@ impl Progress {
         Progress::new(total, &format!("{what} [{{bar:40}}] {{pos}} of {{len}}"))
     }
 
+    /// A counter of work whose end is not known.
+    pub fn open(what: &str, unit: &str) -> Progress {
+        Progress::new(0, &format!("{what} {{spinner}} {{human_pos}} {unit}, {{elapsed}}"))
+    }
+
     /// Sets what is done and how much there is; a total of 0 is unknown.
     pub fn set(&self, done: u64, total: u64) {
         self.0.set_length(total.max(done));

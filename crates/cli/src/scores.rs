@@ -2,14 +2,12 @@
 
 use crate::figures::{counted, percent, short, short_or_dash};
 use crate::output::table;
-use fixtrail_sim::metrics::{self, Kind, Score, ScoreRow, score};
+use fixtrail_sim::metrics::{self, Kind, Score, ScoreRow};
 use fixtrail_track::fix::{Estimate, Fix, Sink};
-use fixtrail_track::registry;
-use fixtrail_track::spec::{EstimatorSpec, ModelSpec, Spec};
+use fixtrail_track::spec::{EstimatorSpec, Spec};
 use fixtrail_track::target::TargetTrail;
 use fixtrail_track::trackers::LaggedMode;
 use fixtrail_track::trail::Trail;
-use fixtrail_track::truth::TargetTruth;
 use serde_json::{Value, json};
 
 /// How the rows of a trail that `spec` makes in `mode` are to be read between its fixes.
@@ -18,21 +16,6 @@ pub fn kind(spec: &Spec, mode: LaggedMode) -> Kind {
         (LaggedMode::Own, EstimatorSpec::Rts | EstimatorSpec::FixedLagKalman { .. }) => Kind::Smoother,
         _ => Kind::Filter,
     }
-}
-
-/// Compares trails with truth.
-///
-/// # Errors
-/// A sentence when there is nothing to compare.
-pub fn judge(spec: &Spec, kind: Kind, trails: &[TargetTrail], truth: &[TargetTruth]) -> Result<Score, String> {
-    let layout = registry::layout(spec);
-    let noise: Vec<f64> = match &spec.model {
-        ModelSpec::Kinematic(k) => k.noise.clone(),
-        ModelSpec::Turn(t) => t.noise.to_vec(),
-        ModelSpec::Linear(_) => Vec::new(),
-    };
-    let predict = metrics::kinematic(&layout, &noise);
-    score(trails, &layout, &predict, truth, kind)
 }
 
 /// The smoother's half of trails that hold both, its rows at the times they describe.

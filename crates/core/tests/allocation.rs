@@ -12,11 +12,12 @@ use fixtrail_core::estimators::fms::newton::{ColdStart, MOST_ROWS, Newton, Windo
 use fixtrail_core::estimators::fms::varying::Varying;
 use fixtrail_core::estimators::fms::{Align, posterior_nis};
 use fixtrail_core::estimators::gpb1::Gpb1;
+use fixtrail_core::estimators::imm::Imm;
 use fixtrail_core::estimators::kalman::{Robust, predict, update};
 use fixtrail_core::estimators::lmmse::{Lmmse, Spread};
 use fixtrail_core::estimators::lmvf::Lmvf;
 use fixtrail_core::estimators::ufir::Ufir;
-use fixtrail_core::models::FmsPaper;
+use fixtrail_core::models::{FmsPaper, Switching};
 use fixtrail_core::sensors::range;
 use fixtrail_core::{Belief, Matrix, Row, Transition, Vector};
 use oracle::fixed::Heap;
@@ -53,6 +54,25 @@ fn kalman_does_not_allocate() {
         let mut row = row(&paper, k);
         row.residual -= row.h.dot(&prior.mean);
         belief = update(&prior, &[row], Robust::Gate(9.0)).unwrap().0;
+    });
+}
+
+#[test]
+fn imm_does_not_allocate() {
+    let (paper, leap) = paper();
+    let switching = Switching::new(&[20.0, 5.0, 1.0]).unwrap();
+    let mut imm = Imm::start(&Belief { mean: Vector::zeros(), cov: Matrix::identity() }, &switching);
+    assert_silent("imm", |k| {
+        let prior = imm.mix(&switching.over(0.1 + k as f64 * 0.01)).predict(|j, x| Transition {
+            next: leap.f * x,
+            q: leap.q * (1.0 + j as f64),
+            ..leap
+        });
+        let at = |x: &Vector<3>| Row { residual: row(&paper, k).residual - paper.c.dot(x), ..row(&paper, k) };
+        let each = [0, 1, 2].map(|j| at(&prior.modes()[j].mean));
+        let count = usize::from(k % 4 != 0);
+        let combined = [at(&prior.belief().mean)];
+        imm = prior.update(&combined[..count], &each[..3 * count], Robust::Huber(1.345), |_| {}).unwrap().0;
     });
 }
 

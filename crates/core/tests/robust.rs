@@ -1,6 +1,6 @@
 //! Robust updates: weights, their bound on what a row can do, the order of rows, and what they cost on data that fit.
 
-use fixtrail_core::estimators::kalman::{Robust, predict, update, update_noting};
+use fixtrail_core::estimators::kalman::{Innovation, Robust, predict, update, update_noting};
 use fixtrail_core::{Belief, Matrix, Row, Transition, Vector};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
@@ -90,10 +90,15 @@ fn redescending_row_beyond_the_threshold_is_as_if_absent() {
 fn noted_rows_reproduce_the_update() {
     // What smoothers go back over: the rows at the variances they were used with, as ordinary rows.
     for robust in [Robust::Huber(HUBER), Robust::Redescending(BIWEIGHT), Robust::Gate(9.0)] {
-        let mut noted = Vec::new();
-        let used = |i: fixtrail_core::estimators::kalman::Innovation| noted.push(Row { var: i.var, ..rows()[i.row] });
+        let (mut noted, mut likelihood) = (Vec::new(), 0.0);
+        let used = |i: Innovation| {
+            noted.push(Row { var: i.var, ..rows()[i.row] });
+            likelihood += i.log_density();
+        };
         let (found, _) = update_noting(&belief(), &rows(), robust, used).unwrap();
-        let again = update(&belief(), &noted, Robust::None).unwrap().0;
+        let ordinary = |i: Innovation| likelihood -= i.log_density();
+        let (again, _) = update_noting(&belief(), &noted, Robust::None, ordinary).unwrap();
+        assert!(likelihood.abs() < 1e-12, "{robust:?}: {likelihood}");
         assert!((found.mean - again.mean).norm() < 1e-13 && (found.cov - again.cov).norm() < 1e-13, "{robust:?}");
     }
 }

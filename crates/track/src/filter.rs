@@ -1,5 +1,5 @@
 //! The recursive filter that every Kalman-family tracker shares: start, prediction and update, and a record of how each instant was
-//! linearised for smoothers to go back over.
+//! linearised for smoothers to go back over. What is predicted and updated, one filter or several modes, is a [`Recursion`].
 //!
 //! A robust filter also notices when its prediction is of no more use, and starts anew from the data:
 //!
@@ -16,6 +16,7 @@ use crate::error::StepError;
 use crate::fix::Status;
 use crate::linearised::Linearised;
 use crate::model::Model;
+use crate::recursion::{Interval, Recursion, Single};
 use crate::search::{self, BENT, Found, Search};
 use crate::tracker::Step;
 use fixtrail_core::estimators::diffuse::Diffuse;
@@ -37,7 +38,7 @@ pub struct Outcome<const N: usize> {
 }
 
 #[derive(Clone)]
-enum State<const N: usize> {
+enum State<const N: usize, K> {
     /// Nothing has arrived.
     New,
     /// Linear, without a prior: exact diffuse recursion.
@@ -45,7 +46,7 @@ enum State<const N: usize> {
     /// Nonlinear, without a prior: Gauss–Newton over a growing window.
     Searching(Box<Search<N>>),
     /// The state is known.
-    Running(Belief<N>),
+    Running(K),
 }
 
 /// A linear start: the state may be determined already, but not yet well enough for an ordinary covariance.
@@ -77,10 +78,11 @@ struct Past<const N: usize> {
 
 /// Filter of one target.
 #[derive(Clone)]
-pub struct Filter<const N: usize> {
+pub struct Filter<const N: usize, R: Recursion<N> = Single> {
     /// What it filters by.
     pub model: Model<N>,
-    state: State<N>,
+    recursion: R,
+    state: State<N, R::Known>,
     past: Option<Past<N>>,
     rows: Vec<Row<N>>,
     /// Which of the last instants with measurements missed, the newest in the lowest bit.
@@ -89,10 +91,10 @@ pub struct Filter<const N: usize> {
     restarts: u64,
 }
 
-impl<const N: usize> Filter<N> {
+impl<const N: usize, R: Recursion<N>> Filter<N, R> {
     /// A filter before its first instant.
-    pub fn new(model: Model<N>) -> Self {
-        Self { model, state: State::New, past: None, rows: Vec::new(), misses: 0, restarts: 0 }
+    pub fn new(model: Model<N>, recursion: R) -> Self {
+        Self { model, recursion, state: State::New, past: None, rows: Vec::new(), misses: 0, restarts: 0 }
     }
 
     /// How often the filter has started anew because it was lost or its prediction had become useless.
@@ -120,7 +122,7 @@ impl<const N: usize> Filter<N> {
                 let found = search.step(&self.model, step, dt_s, record)?;
                 let nominal = search.newest();
                 if let Some(Found { belief, settled: true }) = found {
-                    self.state = State::Running(belief);
+                    self.state = State::Running(self.recursion.begin(&belief));
                 }
                 self.remember(step, nominal);
                 Ok(started(found.map(|f| f.belief), step))
@@ -159,29 +161,30 @@ impl<const N: usize> Filter<N> {
     fn run(&mut self, step: &Step<'_>, record: Option<&mut Vec<Linearised<N>>>) -> Result<Outcome<N>, StepError> {
         let mut arrive = None;
         let prior = match (&self.state, self.past) {
-            (State::Running(belief), Some(past)) => {
-                let dt_s = interval(past.t_s, step.t_s);
-                let leap = self.model.motion.leap(past.k, dt_s, &past.drive, &belief.mean);
-                // f(x̂) + F (x̄ − x̂) − x̄⁺ with x̄⁺ = f(x̂).
-                arrive = Some(Arrive { f: leap.f, offset: leap.f * (past.nominal - belief.mean), q: leap.q });
-                kalman::predict(belief, &leap)
+            (State::Running(known), Some(past)) => {
+                let over = Interval { k: past.k, dt_s: interval(past.t_s, step.t_s), drive: past.drive };
+                if record.is_some() {
+                    let mean = R::belief(known).mean;
+                    let leap = self.model.motion.leap(over.k, over.dt_s, &over.drive, &mean);
+                    // f(x̂) + F (x̄ − x̂) − x̄⁺ with x̄⁺ = f(x̂).
+                    arrive = Some(Arrive { f: leap.f, offset: leap.f * (past.nominal - mean), q: leap.q });
+                }
+                self.recursion.predict(&self.model, known, &over)
             }
-            (State::Running(belief), None) => *belief,
-            _ => self.model.prior.ok_or_else(|| StepError::Misfit("a filter without a prior".to_owned()))?,
+            (State::Running(known), None) => known.clone(),
+            _ => {
+                let prior = self.model.prior.as_ref();
+                let prior = prior.ok_or_else(|| StepError::Misfit("a filter without a prior".to_owned()))?;
+                self.recursion.begin(prior)
+            }
         };
-        if self.is_stale(step, &prior) {
+        let expected = R::belief(&prior);
+        if self.is_stale(step, &expected) {
             return self.restart(step, record);
         }
-        self.rows.clear();
-        self.model.sensing.rows(step, &prior.mean, &mut self.rows);
         let mut used = Vec::new();
-        let keep = record.is_some();
-        let (belief, evidence) = kalman::update_noting(&prior, &self.rows, self.model.robust, |innovation| {
-            if keep {
-                used.push(Row { var: innovation.var, ..self.rows[innovation.row] });
-            }
-        })
-        .map_err(StepError::Core)?;
+        let keep = record.is_some().then_some(&mut used);
+        let (known, evidence) = self.recursion.update(&self.model, step, &prior, &mut self.rows, keep)?;
         let mut misses = self.misses;
         if evidence.dof > 0 {
             misses = (misses << 1 | u32::from(2 * evidence.misfits > evidence.dof)) & ((1 << LOST_WINDOW) - 1);
@@ -191,10 +194,11 @@ impl<const N: usize> Filter<N> {
         }
         self.misses = misses;
         if let Some(record) = record {
-            record.push(Linearised { nominal: prior.mean, arrive, rows: used, forgotten: false });
+            record.push(Linearised { nominal: expected.mean, arrive, rows: used, forgotten: false });
         }
-        self.state = State::Running(belief);
-        self.remember(step, prior.mean);
+        let belief = R::belief(&known);
+        self.state = State::Running(known);
+        self.remember(step, expected.mean);
         Ok(judged(belief, &evidence))
     }
 
@@ -204,8 +208,9 @@ impl<const N: usize> Filter<N> {
             return false;
         }
         let State::Running(before) = &self.state else { return false };
+        let before = R::belief(before);
         !search::is_nearly_linear(&self.model, step, prior, STALE, &mut self.rows)
-            && search::is_nearly_linear(&self.model, step, before, BENT, &mut self.rows)
+            && search::is_nearly_linear(&self.model, step, &before, BENT, &mut self.rows)
     }
 
     /// One step of a linear filter that does not know the state yet, or not well.
@@ -242,7 +247,7 @@ impl<const N: usize> Filter<N> {
             }
         }
         self.state = match found {
-            Some(belief) if start.is_over() => State::Running(belief),
+            Some(belief) if start.is_over() => State::Running(self.recursion.begin(&belief)),
             Some(_) => State::Diffuse(Box::new(Start { determined: start.determined + 1, ..start })),
             None => State::Diffuse(Box::new(start)),
         };

@@ -15,6 +15,7 @@ pub mod model;
 pub mod packet;
 pub mod pipeline;
 pub mod predictive;
+pub mod recursion;
 pub mod registry;
 mod search;
 pub mod simulator;

@@ -3,10 +3,10 @@
 use crate::anchors::Anchors;
 use crate::layout::Layout;
 use crate::packet::{AnchorId, Content, Kind, Packet};
-use crate::spec::{LinearStep, Robust, SensorSpec};
+use crate::spec::{LinearStep, ModeSpec, Robust, SensorSpec};
 use crate::tracker::Step;
 use fixtrail_core::linalg::{Common, whiten};
-use fixtrail_core::models::{CoordinatedTurn, Integrators};
+use fixtrail_core::models::{CoordinatedTurn, Drift, GaussMarkov, Integrators};
 use fixtrail_core::sensors::{Pair, PathLoss};
 use fixtrail_core::{Belief, Matrix, Row, Transition, Vector, sensors};
 use std::sync::Arc;
@@ -19,6 +19,11 @@ pub trait Motion<const N: usize>: Send + Sync {
     /// `B u` at instant `k`.
     fn drive(&self, _k: u64, _u: &[f64]) -> Vector<N> {
         Vector::zeros()
+    }
+
+    /// The same motion under the noise of a mode; `None` where noise is no density in continuous time.
+    fn in_mode(&self, _mode: &ModeSpec) -> Option<Arc<dyn Motion<N>>> {
+        None
     }
 }
 
@@ -75,6 +80,8 @@ pub struct Model<const N: usize> {
     pub sensing: Arc<dyn Sensing<N>>,
     /// Prior of the first instant; none: the start is unknown.
     pub prior: Option<Belief<N>>,
+    /// Mean and standard deviation of the components that are known at any start, independent of all others.
+    pub known: Vec<(usize, f64, f64)>,
     /// Whether motion or a sensor is nonlinear.
     pub nonlinear: bool,
     /// What an update does with a row that does not fit.
@@ -86,6 +93,15 @@ pub struct Model<const N: usize> {
 }
 
 impl<const N: usize> Model<N> {
+    /// The components known at any start as rows, linearised at `x`.
+    pub fn known_rows<'a>(&'a self, x: &'a Vector<N>) -> impl Iterator<Item = Row<N>> + 'a {
+        self.known.iter().map(|(i, mean, sd)| Row {
+            h: Vector::from_fn(|j, _| if j == *i { 1.0 } else { 0.0 }),
+            residual: mean - x[*i],
+            var: sd * sd,
+        })
+    }
+
     /// `B u` of the inputs on an instant's packets.
     pub fn drive(&self, step: &Step<'_>) -> Vector<N> {
         for packet in step.held {
@@ -101,11 +117,48 @@ impl<const N: usize> Motion<N> for Integrators<N> {
     fn leap(&self, _k: u64, dt_s: f64, _drive: &Vector<N>, x: &Vector<N>) -> Transition<N> {
         Integrators::leap(self, x, dt_s)
     }
+
+    fn in_mode(&self, mode: &ModeSpec) -> Option<Arc<dyn Motion<N>>> {
+        Some(Arc::new(Integrators::new(self.order(), self.axes(), mode.noise).ok()?))
+    }
+}
+
+impl<const N: usize> Motion<N> for GaussMarkov<N> {
+    fn leap(&self, _k: u64, dt_s: f64, _drive: &Vector<N>, x: &Vector<N>) -> Transition<N> {
+        GaussMarkov::leap(self, x, dt_s)
+    }
+}
+
+/// A motion beside which errors of sensors drift.
+pub struct Drifting<const N: usize> {
+    /// Of the target.
+    pub motion: Arc<dyn Motion<N>>,
+    /// One per drifting sensor.
+    pub drifts: Vec<Drift>,
+}
+
+impl<const N: usize> Motion<N> for Drifting<N> {
+    fn leap(&self, k: u64, dt_s: f64, drive: &Vector<N>, x: &Vector<N>) -> Transition<N> {
+        let mut leap = self.motion.leap(k, dt_s, drive, x);
+        for drift in &self.drifts {
+            drift.apply(x, dt_s, &mut leap);
+        }
+        leap
+    }
+
+    fn in_mode(&self, mode: &ModeSpec) -> Option<Arc<dyn Motion<N>>> {
+        Some(Arc::new(Drifting { motion: self.motion.in_mode(mode)?, drifts: self.drifts.clone() }))
+    }
 }
 
 impl Motion<5> for CoordinatedTurn {
     fn leap(&self, _k: u64, dt_s: f64, _drive: &Vector<5>, x: &Vector<5>) -> Transition<5> {
         CoordinatedTurn::leap(self, x, dt_s)
+    }
+
+    fn in_mode(&self, mode: &ModeSpec) -> Option<Arc<dyn Motion<5>>> {
+        let [x, y, _] = mode.noise;
+        Some(Arc::new(CoordinatedTurn::new([x, y], mode.turn_noise).ok()?))
     }
 }
 
@@ -245,11 +298,18 @@ struct Radio {
     height_m: Option<f64>,
     /// Position and bias of each anchor, by id.
     anchors: Vec<([f64; 3], f64)>,
+    /// Component of the state that is the drifting error of the first anchor.
+    drift: Option<usize>,
 }
 
 impl Radios {
-    /// The spec's sensors on the first `axes` components of the state.
-    pub fn new(axes: usize, sensors: &[SensorSpec], anchors: &Anchors) -> Self {
+    /// The spec's sensors on the first `axes` components of the state; `drift` says at which component the errors of a sensor begin.
+    pub fn new(
+        axes: usize,
+        sensors: &[SensorSpec],
+        anchors: &Anchors,
+        mut drift: impl FnMut(&SensorSpec) -> Option<usize>,
+    ) -> Self {
         let radio = |s: &SensorSpec| Radio {
             kind: s.kind,
             sd: s.sd,
@@ -259,6 +319,7 @@ impl Radios {
             anchors: (0..anchors.len() as u32)
                 .map(|id| (anchors.position_m(id), s.bias.get(anchors.name(id)).copied().unwrap_or(0.0)))
                 .collect(),
+            drift: drift(s),
         };
         Self { axes, sensors: sensors.iter().map(radio).collect() }
     }
@@ -269,6 +330,15 @@ impl Radios {
     fn each<const N: usize>(&self, packet: &Packet, x: &Vector<N>, mut hand_on: impl FnMut(Option<f64>, Row<N>)) {
         let kind = packet.content.kind();
         let Some(radio) = self.sensors.iter().find(|s| s.kind == kind) else { return };
+        let drifted = |anchor: AnchorId, row: Row<N>| match radio.drift {
+            None => row,
+            Some(first) => {
+                let error = first + anchor as usize;
+                let mut h = row.h;
+                h[error] = 1.0;
+                Row { h, residual: row.residual - x[error], var: row.var }
+            }
+        };
         let sd = packet.sd.unwrap_or(radio.sd);
         let var = sd * sd;
         match &packet.content {
@@ -280,13 +350,14 @@ impl Radios {
             Content::Range { anchor, value_m } => {
                 let (at, bias) = radio.anchors[*anchor as usize];
                 let value_m = value_m - bias;
-                hand_on(Some(value_m), sensors::range(x, self.axes, at, radio.height_m, value_m, var));
+                let row = sensors::range(x, self.axes, at, radio.height_m, value_m, var);
+                hand_on(Some(value_m), drifted(*anchor, row));
             }
             Content::Rssi { anchor, value_dbm } => {
                 let (at, bias) = radio.anchors[*anchor as usize];
                 let value_dbm = value_dbm - bias;
                 let row = sensors::rssi(x, self.axes, at, radio.height_m, radio.path_loss, value_dbm, var);
-                hand_on(Some(value_dbm), row);
+                hand_on(Some(value_dbm), drifted(*anchor, row));
             }
             Content::Tdoa { anchor, reference, value_m } => {
                 let pair = Pair {

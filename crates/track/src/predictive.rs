@@ -196,7 +196,8 @@ pub fn each(
         let what = "is false: what the receiver holds may be old, and a predictive score expects values of known age";
         return Err(BuildError::new("spec", None, Some("link.stamped"), what));
     }
-    let mut foreteller = registry::foreteller(spec, anchors)?;
+    let marginal = without_drift(spec);
+    let mut foreteller = registry::foreteller(&marginal, anchors)?;
     if foreteller.n() != trail.n() {
         let what = format!("has {} states, the trail has {}", foreteller.n(), trail.n());
         return Err(BuildError::new("spec", None, Some("model"), what));
@@ -214,6 +215,17 @@ pub fn each(
     }
     let Ok(()) = link.flush(&mut one);
     Ok(unforetold)
+}
+
+/// The spec with each drifting error as what it is to one who sees the trail alone: more noise.
+fn without_drift(spec: &Spec) -> Spec {
+    let mut spec = spec.clone();
+    for sensor in &mut spec.sensors {
+        if let Some(drift) = sensor.drift.take() {
+            sensor.sd = sensor.sd.hypot(drift.sd);
+        }
+    }
+    spec
 }
 
 /// A spec's motion and sensors carried along a trail, their dimension erased.

@@ -6,12 +6,15 @@ use crate::error::{BuildError, StepError};
 use crate::layout::Layout;
 use crate::mat::Mat;
 use crate::model::{
-    LinearModel, Model, Motion, Radios, Sensing, column_vectors, process_noise, robust, row_vectors, square,
+    Drifting, LinearModel, Model, Motion, Radios, Sensing, column_vectors, process_noise, robust, row_vectors, square,
 };
 use crate::packet::Kind;
 use crate::predictive::{Carried, Foreteller};
+use crate::recursion::{Modes, Single};
 use crate::simulator::Simulator;
-use crate::spec::{Align, EmvfVariant, EstimatorSpec, LinearSpec, ModelSpec, Prior, Receiver, Span, Spec};
+use crate::spec::{
+    Align, EmvfVariant, EstimatorSpec, LinearSpec, ModeSpec, ModelSpec, Prior, Receiver, SensorSpec, Span, Spec,
+};
 use crate::tracker::Tracker;
 use crate::trackers::LaggedMode;
 use crate::trackers::fixed_lag::FixedLag;
@@ -19,6 +22,7 @@ use crate::trackers::fms::{Fms, FmsSpec, Window};
 use crate::trackers::fms_newton::FmsNewton;
 use crate::trackers::held::{Begin, Held, Options};
 use crate::trackers::kalman::Kalman;
+use crate::trackers::marginal::Marginal;
 use crate::trackers::rts::Rts;
 use crate::trackers::ufir::Ufir;
 use fixtrail_core::Belief;
@@ -28,7 +32,7 @@ use fixtrail_core::estimators::fms::invariant::{self, InvariantWindow};
 use fixtrail_core::estimators::gpb1::Gpb1;
 use fixtrail_core::estimators::lmmse::{Lmmse, Spread};
 use fixtrail_core::estimators::lmvf::Lmvf;
-use fixtrail_core::models::{CoordinatedTurn, Integrators};
+use fixtrail_core::models::{CoordinatedTurn, Drift, GaussMarkov, Integrators, MOST_MODES, Switching};
 use std::sync::Arc;
 
 /// Most values at an instant of a link without time stamps.
@@ -45,6 +49,7 @@ pub struct BuildOptions {
 pub fn layout(spec: &Spec) -> Layout {
     match &spec.model {
         ModelSpec::Kinematic(k) => Layout::kinematic(k.order, k.axes, &[]),
+        ModelSpec::GaussMarkov(g) => Layout::kinematic(2, g.axes, &[]),
         ModelSpec::Turn(_) => Layout::kinematic(2, 2, &["omega"]),
         ModelSpec::Linear(l) => Layout::linear(l.base.a.rows),
     }
@@ -91,7 +96,10 @@ impl Purpose for Tracking<'_> {
     type Made = Box<dyn Tracker>;
 
     fn make<const N: usize>(self, model: Model<N>) -> Result<Box<dyn Tracker>, BuildError> {
-        estimator(self.spec, self.options, model)
+        let layout = model.layout.clone();
+        let tracker = estimator(self.spec, self.options, model)?;
+        // Errors of sensors are estimated and not shown.
+        Ok(if layout.n() < N { Box::new(Marginal::new(tracker, layout, N)) } else { tracker })
     }
 }
 
@@ -101,6 +109,10 @@ impl Purpose for Simulating {
     type Made = Box<dyn Simulator>;
 
     fn make<const N: usize>(self, model: Model<N>) -> Result<Box<dyn Simulator>, BuildError> {
+        if model.layout.n() < N {
+            let what = "is for estimates, expected none: errors of simulated sensors do not drift";
+            return Err(BuildError::new("spec", None, Some("sensor.drift"), what));
+        }
         Ok(Box::new(model))
     }
 }
@@ -126,13 +138,22 @@ fn modelled<P: Purpose>(spec: &Spec, anchors: &Anchors, purpose: P) -> Result<P:
     }
     match &spec.model {
         ModelSpec::Turn(turn) => {
+            if spec.sensors.iter().any(|s| s.drift.is_some()) {
+                let what = "does not go with a coordinated turn, expected another `model.kind`, or no `drift`";
+                return Err(BuildError::new("spec", None, Some("sensor.drift"), what));
+            }
             let motion = CoordinatedTurn::new(turn.noise, turn.turn_noise).map_err(|e| fail(e.to_string()))?;
-            purpose.make(assemble(spec, anchors, Arc::new(motion), turn.prior.as_ref(), true))
+            purpose.make(assemble(spec, anchors, Arc::new(motion), turn.prior.as_ref(), Vec::new(), true))
         }
         _ => {
-            let n = layout(spec).n();
-            let limit = crate::spec::MAX_STATE;
-            with_size!(n, N => purpose.make(sized::<N>(spec, anchors)?), Err(fail(format!("has {n} states, expected at most {limit}"))))
+            let (shown, limit) = (layout(spec).n(), crate::spec::MAX_STATE);
+            let n = shown + drifts(spec, anchors).iter().map(|d| d.count).sum::<usize>();
+            let too_many = || {
+                let what =
+                    format!("makes {n} states with the errors of {} anchors, expected at most {limit}", anchors.len());
+                BuildError::new("spec", None, Some(if n > shown { "sensor.drift" } else { "model" }), what)
+            };
+            with_size!(n, N => purpose.make(sized::<N>(spec, anchors)?), Err(too_many()))
         }
     }
 }
@@ -145,7 +166,14 @@ fn sized<const N: usize>(spec: &Spec, anchors: &Anchors) -> Result<Model<N>, Bui
                 *p = *noise;
             }
             let motion = Integrators::<N>::new(k.order, k.axes, psd).map_err(|e| fail(e.to_string()))?;
-            Ok(assemble(spec, anchors, Arc::new(motion), k.prior.as_ref(), false))
+            Ok(assemble(spec, anchors, Arc::new(motion), k.prior.as_ref(), Vec::new(), false))
+        }
+        ModelSpec::GaussMarkov(g) => {
+            let three = |of: &[f64]| core::array::from_fn(|axis| of.get(axis).copied().unwrap_or(0.0));
+            let motion = GaussMarkov::<N>::new(g.axes, three(&g.centre_m), three(&g.spread_m), three(&g.speed_mps))
+                .map_err(|e| fail(e.to_string()))?;
+            let known = (0..N).filter_map(|i| motion.stationary(i).map(|(mean, sd)| (i, mean, sd))).collect();
+            Ok(assemble(spec, anchors, Arc::new(motion), g.prior.as_ref(), known, false))
         }
         ModelSpec::Linear(l) => {
             let steps = if l.sequence.is_empty() { std::slice::from_ref(&l.base) } else { &l.sequence[..] };
@@ -155,6 +183,7 @@ fn sized<const N: usize>(spec: &Spec, anchors: &Anchors) -> Result<Model<N>, Bui
                 motion: model.clone(),
                 sensing: model,
                 prior: l.prior.as_ref().map(belief),
+                known: Vec::new(),
                 nonlinear: false,
                 robust: fixtrail_core::estimators::kalman::Robust::None,
                 centre_m: [0.0; 3],
@@ -171,22 +200,64 @@ fn assemble<const N: usize>(
     anchors: &Anchors,
     motion: Arc<dyn Motion<N>>,
     prior: Option<&Prior>,
+    mut known: Vec<(usize, f64, f64)>,
     nonlinear_motion: bool,
 ) -> Model<N> {
     let layout = layout(spec);
     let centre_m = centre(anchors);
-    let sensing: Arc<dyn Sensing<N>> = Arc::new(Radios::new(layout.axes, &spec.sensors, anchors));
+    let drifts = drifts(spec, anchors);
+    let mut first = drifts.iter().map(|d| d.first);
+    let component = |s: &SensorSpec| if s.drift.is_some() { first.next() } else { None };
+    let sensing: Arc<dyn Sensing<N>> = Arc::new(Radios::new(layout.axes, &spec.sensors, anchors, component));
     let nonlinear = nonlinear_motion || spec.sensors.iter().any(|s| s.kind != Kind::Position);
+    for drift in &drifts {
+        known.extend((drift.first..drift.first + drift.count).map(|i| (i, 0.0, drift.sd)));
+    }
+    let mut prior = prior.map(|prior| {
+        let mut all: Belief<N> = Belief { mean: fixtrail_core::Vector::zeros(), cov: fixtrail_core::Matrix::zeros() };
+        let n = prior.mean.len();
+        all.mean.as_mut_slice()[..n].copy_from_slice(&prior.mean);
+        for (i, j) in (0..n).flat_map(|i| (0..n).map(move |j| (i, j))) {
+            all.cov[(i, j)] = prior.cov.at(i, j);
+        }
+        for (i, mean, sd) in known.iter().filter(|(i, ..)| *i >= n) {
+            all.mean[*i] = *mean;
+            all.cov[(*i, *i)] = sd * sd;
+        }
+        all
+    });
+    // Where nothing is nonlinear, a law of all components is a prior like any other.
+    if prior.is_none() && !nonlinear && known.len() == N {
+        let mut all: Belief<N> = Belief { mean: fixtrail_core::Vector::zeros(), cov: fixtrail_core::Matrix::zeros() };
+        for (i, mean, sd) in &known {
+            all.mean[*i] = *mean;
+            all.cov[(*i, *i)] = sd * sd;
+        }
+        prior = Some(all);
+    }
+    let motion: Arc<dyn Motion<N>> = if drifts.is_empty() { motion } else { Arc::new(Drifting { motion, drifts }) };
     Model {
         layout,
         motion,
         sensing,
-        prior: prior.map(belief),
+        prior,
+        known,
         nonlinear,
         robust: robust(&spec.sensors),
         centre_m,
         extent_m: extent(anchors, centre_m),
     }
+}
+
+/// Where the drifting errors of the sensors stand in the state, behind what is shown.
+fn drifts(spec: &Spec, anchors: &Anchors) -> Vec<Drift> {
+    let mut first = layout(spec).n();
+    let mut out = Vec::new();
+    for drift in spec.sensors.iter().filter_map(|s| s.drift) {
+        out.push(Drift { first, count: anchors.len(), sd: drift.sd, time_s: drift.time_s });
+        first += anchors.len();
+    }
+    out
 }
 
 /// The registry: one line per estimator.
@@ -198,7 +269,11 @@ fn estimator<const N: usize>(
     let mode = options.lagged;
     let refused = |e: StepError| fail(e.to_string());
     Ok(match spec.estimator {
-        EstimatorSpec::Kalman | EstimatorSpec::Ekf => Box::new(Kalman::new(model)),
+        EstimatorSpec::Kalman | EstimatorSpec::Ekf => Box::new(Kalman::new(model, Single)),
+        EstimatorSpec::Imm { modes } => {
+            let modes = imm(&modes, &*model.motion)?;
+            Box::new(Kalman::new(model, modes))
+        }
         EstimatorSpec::Rts => Box::new(Rts::new(model, mode)),
         EstimatorSpec::FixedLagKalman { lag } => Box::new(FixedLag::new(model, lag, mode)),
         EstimatorSpec::Ufir { window } => Box::new(Ufir::new(model, window).map_err(refused)?),
@@ -221,6 +296,17 @@ fn estimator<const N: usize>(
     })
 }
 
+/// The modes of `imm`: the model's motion under the noise of each.
+fn imm<const N: usize>(modes: &[Option<ModeSpec>; MOST_MODES], motion: &dyn Motion<N>) -> Result<Modes<N>, BuildError> {
+    let modes = || modes.iter().flatten();
+    let mean_s: Vec<f64> = modes().map(|mode| mode.mean_s).collect();
+    let switching = Switching::new(&mean_s).map_err(|e| fail(e.to_string()))?;
+    let motions = modes().map(|mode| motion.in_mode(mode)).collect::<Option<Vec<_>>>();
+    motions.and_then(|motions| Modes::new(motions, switching)).ok_or_else(|| {
+        fail("is no kinematic model with densities of noise, which the estimator `imm` needs".to_owned())
+    })
+}
+
 /// An estimator for a link without time stamps, with room for 2 values or for [`MAX_HELD`]: each size is compiled for every size of state.
 fn held<const N: usize>(spec: &Spec, model: Model<N>) -> Result<Box<dyn Tracker>, BuildError> {
     let few = match &spec.model {
@@ -233,6 +319,10 @@ fn held<const N: usize>(spec: &Spec, model: Model<N>) -> Result<Box<dyn Tracker>
 
 fn held_sized<const N: usize, const M: usize>(spec: &Spec, model: Model<N>) -> Result<Box<dyn Tracker>, BuildError> {
     let prior = model.prior.ok_or_else(|| fail("has no `x0` and `P0`".to_owned()))?;
+    if model.layout.n() < N {
+        let what = "does not go with a link without time stamps, expected no `drift` there";
+        return Err(BuildError::new("spec", None, Some("sensor.drift"), what));
+    }
     let second_moment = spec.model.prior().and_then(|p| p.second_moment.as_ref());
     let second_moment = second_moment.map_or(prior.cov + prior.mean * prior.mean.transpose(), square);
     let mut options = Options { nonlinear: model.nonlinear, ..Options::default() };

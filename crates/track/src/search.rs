@@ -58,6 +58,9 @@ impl<const N: usize> WindowModel<N> for KeptWindow<'_, N> {
 
     fn rows(&mut self, i: usize, x: &Vector<N>, out: &mut [Row<N>; MOST_ROWS]) -> usize {
         self.rows.clear();
+        if i == 0 {
+            self.rows.extend(self.model.known_rows(x));
+        }
         self.model.sensing.rows(&self.kept[i].step(), x, self.rows);
         let count = if self.rows.len() > MOST_ROWS { compress(self.rows).0 } else { self.rows.len() };
         out[..count].copy_from_slice(&self.rows[..count]);
@@ -207,7 +210,8 @@ impl<const N: usize> Search<N> {
                 break belief;
             }
             let (count, worst) = self.worst(model);
-            if count < 2 * N {
+            // Rows to spare: twice as many as there are unknowns.
+            if count < 2 * (N - model.known.len()).max(model.layout.axes) {
                 break None;
             }
             match worst {
@@ -290,6 +294,9 @@ impl<const N: usize> Search<N> {
                 Arrive { f: leap.f, offset: leap.next - nominal[i], q: leap.q }
             });
             let mut rows = Vec::new();
+            if i == 0 {
+                rows.extend(model.known_rows(&nominal[i]));
+            }
             model.sensing.rows(&kept.step(), &nominal[i], &mut rows);
             record.push(Linearised { nominal: nominal[i], arrive, rows, forgotten: false });
         }

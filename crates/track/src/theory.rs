@@ -148,6 +148,7 @@ fn system<const N: usize>(spec: &Spec, interval_s: Option<f64>) -> Result<Lossy<
     let refused = || "its matrices make no system".to_owned();
     match &spec.model {
         ModelSpec::Turn(_) => Err("a coordinated turn is not linear".to_owned()),
+        ModelSpec::GaussMarkov(_) => Err("a stationary motion is bounded at every arrival rate".to_owned()),
         ModelSpec::Linear(linear) if !linear.sequence.is_empty() => {
             Err("the matrices vary from step to step".to_owned())
         }

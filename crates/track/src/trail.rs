@@ -63,6 +63,29 @@ impl Trail {
         self.n
     }
 
+    /// The rows that stand at least `apart_s` seconds after the one before, the first of all included, without the smoother's half.
+    pub fn thinned(&self, apart_s: f64) -> Trail {
+        let mut out = Trail::new(self.n, false);
+        let mut last_s = f64::NEG_INFINITY;
+        for row in (0..self.len()).filter(|row| self.mean(*row).is_some()) {
+            let Some(t_s) = self.t_s[row] else { continue };
+            if t_s < last_s + apart_s {
+                continue;
+            }
+            last_s = t_s;
+            let (from, to) = (row * self.n, (row + 1) * self.n);
+            let packed = Trail::packed_len(self.n);
+            out.k.push(self.k[row]);
+            out.t_s.push(Some(t_s));
+            out.mean.extend_from_slice(&self.mean[from..to]);
+            out.cov.extend_from_slice(&self.cov[row * packed..(row + 1) * packed]);
+            out.status.push(self.status[row]);
+            out.nis.push(self.nis[row]);
+            out.nis_dof.push(self.nis_dof[row]);
+        }
+        out
+    }
+
     /// Number of rows.
     pub fn len(&self) -> usize {
         self.k.len()

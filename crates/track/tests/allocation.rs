@@ -12,8 +12,8 @@ use fixtrail_track::mat::Mat;
 use fixtrail_track::packet::{Content, Kind, Packet};
 use fixtrail_track::registry::{BuildOptions, build};
 use fixtrail_track::spec::{
-    Align, ArrivalSpec, Duplicates, EmvfVariant, EstimatorSpec, Hold, KinematicSpec, LinkSpec, ModelSpec, Prior,
-    Receiver, Robust, SensorSpec, Span, Spec,
+    Align, ArrivalSpec, Duplicates, EmvfVariant, EstimatorSpec, Hold, KinematicSpec, LinkSpec, ModeSpec, ModelSpec,
+    Prior, Receiver, Robust, SensorSpec, Span, Spec,
 };
 use fixtrail_track::tracker::Step;
 use fixtrail_track::trackers::LaggedMode;
@@ -107,12 +107,18 @@ fn sensed(kind: Kind, estimator: EstimatorSpec) -> Spec {
         kind,
         sd: 0.1,
         path_loss: None,
+        drift: None,
         bias: BTreeMap::new(),
         height_m: None,
         latency_s: 0.0,
         robust: Robust::None,
     };
     Spec { sensors: vec![sensor], ..spec_of(ModelSpec::Kinematic(model), estimator) }
+}
+
+fn imm() -> EstimatorSpec {
+    let mode = |psd, mean_s| Some(ModeSpec { noise: [psd, psd, 0.0], turn_noise: 0.0, mean_s });
+    EstimatorSpec::Imm { modes: [mode(0.05, 20.0), mode(0.5, 9.0), mode(5.0, 2.0), None] }
 }
 
 fn at(t_s: f64, content: Content) -> Packet {
@@ -130,6 +136,7 @@ fn trackers_of_positions_do_not_allocate() {
     let seconds = EstimatorSpec::Fms { window: Span::Seconds(1.5), lag: Span::Seconds(0.5), align: Align::Filtered };
     for estimator in [
         EstimatorSpec::Kalman,
+        imm(),
         EstimatorSpec::Ufir { window: Span::Instants(12) },
         fms(12, 4, Align::Filtered),
         fms(40, 4, Align::Filtered),
@@ -161,7 +168,7 @@ fn extended_kalman_and_newton_windows_on_ranges_do_not_allocate() {
         anchors.add(&format!("a{i}"), *site).unwrap();
     }
     let packets = ranges(&sites);
-    for estimator in [EstimatorSpec::Ekf, fms(8, 3, Align::Filtered), fms(8, 3, Align::Predicted)] {
+    for estimator in [EstimatorSpec::Ekf, imm(), fms(8, 3, Align::Filtered), fms(8, 3, Align::Predicted)] {
         assert_silent(&sensed(Kind::Range, estimator), &anchors, LaggedMode::Both, &packets);
     }
 }

@@ -24,6 +24,7 @@ fn sensor(kind: Kind, sd: f64) -> SensorSpec {
         kind,
         sd,
         path_loss: None,
+        drift: None,
         bias: BTreeMap::new(),
         height_m: None,
         latency_s: 0.0,

@@ -284,6 +284,7 @@ fn sensor(kind: Kind) -> SensorSpec {
         kind,
         sd: 0.2,
         path_loss: None,
+        drift: None,
         bias: BTreeMap::new(),
         height_m: None,
         latency_s: 0.0,

@@ -8,7 +8,7 @@ use fixtrail_track::packet::{Content, Kind, Packet};
 use fixtrail_track::pipeline::{Pipeline, Until, track};
 use fixtrail_track::registry::layout;
 use fixtrail_track::spec::{
-    Align, EstimatorSpec, KinematicSpec, LinkSpec, ModelSpec, Receiver, Robust, SensorSpec, Span, Spec,
+    Align, EstimatorSpec, KinematicSpec, LinkSpec, ModeSpec, ModelSpec, Receiver, Robust, SensorSpec, Span, Spec,
 };
 use fixtrail_track::target::TargetPackets;
 use fixtrail_track::trackers::LaggedMode;
@@ -92,8 +92,10 @@ fn kinematic_cases(rng: &mut Random, len: usize) -> Vec<Case> {
     let mut anchors = Anchors::default();
     sites.iter().enumerate().for_each(|(i, site)| assert!(anchors.add(&format!("a{i}"), *site).is_some()));
     let mut cases = Vec::new();
+    let mode = |psd, mean_s| Some(ModeSpec { noise: [psd, psd, 0.0], turn_noise: 0.0, mean_s });
+    let imm = EstimatorSpec::Imm { modes: [mode(0.05, 1.0), mode(5.0, 0.5), None, None] };
     for kind in [Kind::Position, Kind::Range] {
-        for estimator in smoothers_and_filters() {
+        for estimator in smoothers_and_filters().into_iter().chain([imm]) {
             let is_linear = matches!(estimator, EstimatorSpec::Kalman | EstimatorSpec::Ufir { .. });
             if is_linear && kind == Kind::Range {
                 continue;
@@ -122,6 +124,7 @@ fn kinematic_cases(rng: &mut Random, len: usize) -> Vec<Case> {
             let sensor = SensorSpec {
                 kind,
                 sd: 0.1,
+                path_loss: None,
                 bias: BTreeMap::new(),
                 height_m: None,
                 latency_s: 0.0,

@@ -58,6 +58,7 @@ fn ranging(model: ModelSpec, estimator: EstimatorSpec) -> Spec {
         kind: Kind::Range,
         sd: SD_M,
         path_loss: None,
+        drift: None,
         bias: BTreeMap::new(),
         height_m: Some(HEIGHT_M),
         latency_s: 0.0,

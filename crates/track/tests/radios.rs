@@ -61,6 +61,7 @@ fn sensor(kind: Kind, height: Height) -> SensorSpec {
         kind,
         sd: sd(kind),
         path_loss: (kind == Kind::Rssi).then_some(LAW),
+        drift: None,
         bias: if kind == Kind::Tdoa { BTreeMap::new() } else { BTreeMap::from([("a1".to_owned(), BIAS)]) },
         height_m: height.known().filter(|_| kind != Kind::Bearing),
         latency_s: 0.0,

@@ -5,7 +5,9 @@ use fixtrail_track::fix::Status;
 use fixtrail_track::mat::Mat;
 use fixtrail_track::packet::{Content, Kind, Packet};
 use fixtrail_track::pipeline::track;
-use fixtrail_track::spec::{EstimatorSpec, KinematicSpec, LinkSpec, ModelSpec, Prior, Robust, SensorSpec, Span, Spec};
+use fixtrail_track::spec::{
+    EstimatorSpec, KinematicSpec, LinkSpec, ModeSpec, ModelSpec, Prior, Robust, SensorSpec, Span, Spec,
+};
 use fixtrail_track::target::TargetPackets;
 use fixtrail_track::trackers::LaggedMode;
 use fixtrail_track::trail::Trail;
@@ -18,11 +20,19 @@ const SD_M: f64 = 0.3;
 const HUBER: f64 = 1.345;
 const ROBUST: [Robust; 3] = [Robust::Gate(9.0), Robust::Huber(HUBER), Robust::Redescending(4.685)];
 const LAGGED: EstimatorSpec = EstimatorSpec::FixedLagKalman { lag: Span::Instants(7) };
+/// A tenth of the noise and ten times as much, of 0.2 m²/s³.
+const IMM: EstimatorSpec = EstimatorSpec::Imm { modes: [mode(0.02, 20.0), mode(2.0, 2.0), None, None] };
+/// Modes that can follow no leap of 30 m in 12 instants.
+const CALM_IMM: EstimatorSpec = EstimatorSpec::Imm { modes: [mode(0.005, 20.0), mode(0.02, 2.0), None, None] };
 /// Quantile of chi-square with 2 degrees of freedom that one value in 1e8 exceeds, −2 ln 1e-8.
 const RARE: f64 = 36.8;
 
 /// Positions by time.
 type Path = Vec<(f64, [f64; 2])>;
+
+const fn mode(psd: f64, mean_s: f64) -> Option<ModeSpec> {
+    Some(ModeSpec { noise: [psd, psd, 0.0], turn_noise: 0.0, mean_s })
+}
 
 fn anchors() -> Anchors {
     let mut anchors = Anchors::default();
@@ -71,6 +81,7 @@ fn spec(estimator: EstimatorSpec, robust: Robust, noise: f64, prior: Option<Prio
         kind: Kind::Range,
         sd: SD_M,
         path_loss: None,
+        drift: None,
         bias: BTreeMap::new(),
         height_m: Some(1.0),
         latency_s: 0.0,
@@ -113,6 +124,11 @@ fn shorten(packet: &mut Packet, by_m: f64) {
     }
 }
 
+/// Filters with each way to treat outliers.
+fn filters() -> impl Iterator<Item = (EstimatorSpec, Robust)> {
+    [EstimatorSpec::Ekf, IMM].into_iter().flat_map(|estimator| ROBUST.map(|robust| (estimator, robust)))
+}
+
 #[test]
 fn outlier_of_46_m_moves_a_huber_track_by_less_than_its_threshold() {
     // An update of weight w moves the state by δ = P⁻h/√s ψ with δᵀP⁻¹δ ≤ ψ² ≤ c², and what a Kalman filter makes of a deviation never
@@ -140,16 +156,24 @@ fn outlier_of_46_m_moves_a_huber_track_by_less_than_its_threshold() {
     assert!((0..path.len()).all(|row| found.mean(row) == expected.mean(row)));
     let plain = spec(EstimatorSpec::Ekf, Robust::None, 0.2, None);
     assert!(errors(&run(&plain, &spoilt), &path).any(|(_, off, _)| off > 2.0));
+    // Nor do modes: none expects it, and it says nothing of which it is.
+    let modes = spec(IMM, Robust::Redescending(4.685), 0.2, None);
+    let (found, expected) = (run(&modes, &spoilt), run(&modes, &without));
+    for row in 0..path.len() {
+        let (Some(a), Some(b)) = (found.mean(row), expected.mean(row)) else { continue };
+        // Rounding of probabilities alone.
+        assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-10), "row {row}: {a:?} {b:?}");
+    }
 }
 
 #[test]
 fn outlier_among_the_first_ranges_does_not_make_a_start() {
     let path = walk(0.0, 20.0);
     for k in 0..4 {
-        for robust in ROBUST {
+        for (estimator, robust) in filters() {
             let mut packets = ranges(&path, 4);
             shorten(&mut packets[5 * k], 46.0);
-            let trail = run(&spec(EstimatorSpec::Ekf, robust, 0.2, None), &packets);
+            let trail = run(&spec(estimator, robust, 0.2, None), &packets);
             let worst = errors(&trail, &path).map(|(_, _, nees)| nees).fold(0.0, f64::max);
             // Every estimate there is fits the truth; 100 instants at 1e-8 each.
             assert!(worst < RARE, "{robust:?}, outlier in instant {k}: {worst}");
@@ -162,15 +186,15 @@ fn outlier_among_the_first_ranges_does_not_make_a_start() {
 fn outage_of_90_s_is_followed_by_a_clean_start() {
     let (before, after) = (walk(0.0, 30.0), walk(120.0, 150.0));
     let path: Path = before.iter().chain(&after).copied().collect();
-    for robust in ROBUST {
+    for (estimator, robust) in filters() {
         for spoilt in [false, true] {
             let mut packets = ranges(&path, 5);
             if spoilt {
                 // The first range after the outage is the worst there is.
                 shorten(&mut packets[4 * before.len()], 46.0);
             }
-            let trail = run(&spec(EstimatorSpec::Ekf, robust, 0.2, None), &packets);
-            assert_eq!(trail.restarts, 1, "{robust:?}");
+            let trail = run(&spec(estimator, robust, 0.2, None), &packets);
+            assert_eq!(trail.restarts, 1, "{estimator:?} {robust:?}");
             assert_eq!(trail.status[before.len()], Status::Unobservable);
             assert!(trail.status[before.len() + 5..].iter().all(|s| *s == Status::Updated));
             let worst = errors(&trail, &path).map(|(_, _, nees)| nees).fold(0.0, f64::max);
@@ -190,9 +214,10 @@ fn wrong() -> Prior {
 fn lost_track_is_given_up_at_the_twelfth_instant_that_misses() {
     let path = walk(0.0, 20.0);
     let packets = ranges(&path, 6);
-    for robust in ROBUST {
-        let trail = run(&spec(EstimatorSpec::Ekf, robust, 0.01, Some(wrong())), &packets);
-        assert_eq!(trail.restarts, 1, "{robust:?}");
+    for (estimator, robust) in filters() {
+        let estimator = if estimator == IMM { CALM_IMM } else { estimator };
+        let trail = run(&spec(estimator, robust, 0.01, Some(wrong())), &packets);
+        assert_eq!(trail.restarts, 1, "{estimator:?} {robust:?}");
         assert!(trail.status[..11].iter().all(|s| matches!(s, Status::Rejected | Status::Updated)));
         assert_eq!(trail.status[11], Status::Unobservable);
         assert!(trail.status[16..].iter().all(|s| *s == Status::Updated), "{robust:?} {:?}", trail.status);
@@ -223,7 +248,7 @@ fn nothing_leaks_across_a_new_start() {
     let (before, after) = (walk(0.0, 12.0), walk(102.0, 114.0));
     let (first, second) = (ranges(&before, 7), ranges(&after, 8));
     let both: Vec<Packet> = first.iter().chain(&second).cloned().collect();
-    for estimator in [EstimatorSpec::Ekf, EstimatorSpec::Rts, LAGGED] {
+    for estimator in [EstimatorSpec::Ekf, EstimatorSpec::Rts, LAGGED, IMM] {
         for robust in ROBUST {
             let spec = spec(estimator, robust, 0.2, None);
             let whole = run(&spec, &both);
@@ -232,7 +257,7 @@ fn nothing_leaks_across_a_new_start() {
         }
     }
     // A lost track, whose first part has a prior and the second none.
-    for estimator in [EstimatorSpec::Ekf, EstimatorSpec::Rts, LAGGED] {
+    for estimator in [EstimatorSpec::Ekf, EstimatorSpec::Rts, LAGGED, CALM_IMM] {
         for robust in ROBUST {
             let with = |prior| spec(estimator, robust, 0.01, prior);
             let whole = run(&with(Some(wrong())), &first);

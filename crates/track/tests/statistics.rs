@@ -155,6 +155,7 @@ fn extended_filters_are_consistent_where_ranges_bend_little() {
         kind: Kind::Range,
         sd,
         path_loss: None,
+        drift: None,
         bias: BTreeMap::new(),
         height_m: None,
         latency_s: 0.0,

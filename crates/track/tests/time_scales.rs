@@ -14,6 +14,7 @@ fn tracked(order: usize, times_s: &[f64], estimator: EstimatorSpec, lagged: Lagg
         kind: Kind::Position,
         sd: 0.1,
         path_loss: None,
+        drift: None,
         bias: Default::default(),
         height_m: None,
         latency_s: 0.0,

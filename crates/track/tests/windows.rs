@@ -294,6 +294,7 @@ fn positions(kinematic: KinematicSpec, estimator: EstimatorSpec, sd: f64) -> Spe
         kind: Kind::Position,
         sd,
         path_loss: None,
+        drift: None,
         bias: BTreeMap::new(),
         height_m: None,
         latency_s: 0.0,

@@ -195,7 +195,7 @@ fn contend(contender: &'static Contender, walk: &Demo) -> Result<Run, Failure> {
         LaggedMode::Both => (scores::smoothers(&trails), Kind::Smoother),
         LaggedMode::Own => (trails, scores::kind(&spec, contender.mode)),
     };
-    let score = scores::judge(&spec, kind, &trails, &walk.truth).map_err(|e| failed(&e))?;
+    let score = fixtrail_sim::metrics::judge(&spec, kind, &trails, &walk.truth).map_err(|e| failed(&e))?;
     Ok(Run { contender, spec, trails, score })
 }
 

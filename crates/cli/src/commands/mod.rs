@@ -6,4 +6,5 @@ pub mod demo;
 pub mod list;
 pub mod simulate;
 pub mod track;
+pub mod tune;
 pub mod verify;

@@ -198,7 +198,7 @@ fn track_all(
 
     let judge = |kind, trails: &[TargetTrail]| match truth.is_empty() {
         true => Ok(None),
-        false => scores::judge(&spec.spec, kind, trails, &truth).map(Some).map_err(|what| {
+        false => fixtrail_sim::metrics::judge(&spec.spec, kind, trails, &truth).map(Some).map_err(|what| {
             let file = arguments.truth.as_deref().unwrap_or(Path::new("-"));
             Failure::Bad(format!("{}: {what}", file.display()))
         }),

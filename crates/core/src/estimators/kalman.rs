@@ -141,43 +141,68 @@ pub fn update_noting<const N: usize>(
     robust: Robust,
     mut used: impl FnMut(Innovation),
 ) -> Result<(Belief<N>, Evidence), StepError> {
+    update_judging(prior, rows, robust, |judged| {
+        if judged.var < f64::INFINITY {
+            let Judged { row, e, s, var } = judged;
+            used(Innovation { row, e, s: s + (var - rows[row].var), var });
+        }
+    })
+}
+
+/// One row as an update judged it, whether it was used or not.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Judged {
+    /// Index of the row.
+    pub(crate) row: usize,
+    /// Innovation given the rows before as they were used.
+    pub(crate) e: f64,
+    /// Its variance at the row's own noise.
+    pub(crate) s: f64,
+    /// The noise variance that it was used with; infinite where it was left out.
+    pub(crate) var: f64,
+}
+
+/// As [`update`]; `judged` is told of every row.
+#[inline(always)]
+pub(crate) fn update_judging<const N: usize>(
+    prior: &Belief<N>,
+    rows: &[Row<N>],
+    robust: Robust,
+    mut judged: impl FnMut(Judged),
+) -> Result<(Belief<N>, Evidence), StepError> {
     let mut cov = prior.cov;
     let mut correction = Vector::<N>::zeros();
     let mut evidence = Evidence::default();
     for (i, row) in rows.iter().enumerate() {
         let ph = cov * row.h;
-        let mut s = row.h.dot(&ph) + row.var;
+        let s = row.h.dot(&ph) + row.var;
         if !(s > 0.0 && s.is_finite()) {
             return Err(StepError::InnovationVariance { var: s });
         }
         let e = row.residual - row.h.dot(&correction);
-        let mut inverse = 1.0 / s;
-        let mut fit = e * e * inverse;
+        let mut fit = e * e * (1.0 / s);
         let mut var = row.var;
         evidence.nis += fit;
         evidence.dof += 1;
-        if let Robust::Huber(_) | Robust::Redescending(_) = robust {
-            let alone = row.h.dot(&(prior.cov * row.h)) + row.var;
-            fit = row.residual * row.residual / alone;
-            let weight = robust.weight(fit);
-            // An infinite variance is that of a row left out.
-            var += alone * (1.0 / weight - 1.0);
-            s += var - row.var;
-            inverse = 1.0 / s;
+        match robust {
+            Robust::None => {}
+            Robust::Gate(limit) if fit > limit => var = f64::INFINITY,
+            Robust::Gate(_) => {}
+            Robust::Huber(_) | Robust::Redescending(_) => {
+                let alone = row.h.dot(&(prior.cov * row.h)) + row.var;
+                fit = row.residual * row.residual / alone;
+                // An infinite variance is that of a row left out.
+                var += alone * (1.0 / robust.weight(fit) - 1.0);
+            }
         }
         evidence.misfits += u32::from(fit > MISFIT);
-        if let Robust::Gate(limit) = robust
-            && fit > limit
-        {
+        judged(Judged { row: i, e, s, var });
+        if var == f64::INFINITY {
             evidence.rejected += 1;
             continue;
         }
-        if s == f64::INFINITY {
-            evidence.rejected += 1;
-            continue;
-        }
-        used(Innovation { row: i, e, s, var });
-        let gain = ph * inverse;
+        let s = s + (var - row.var);
+        let gain = ph * (1.0 / s);
         correction += gain * e;
         cov = joseph(&cov, &row.h, var, &ph, s);
     }

@@ -5,6 +5,7 @@ pub mod diffuse;
 pub mod emvf;
 pub mod fms;
 pub mod gpb1;
+pub mod imm;
 pub mod kalman;
 pub mod lmmse;
 pub mod lmvf;

@@ -6,7 +6,7 @@ use crate::types::{Matrix, Transition, Vector};
 /// A chain of integrators per axis whose last derivative is driven by white noise.
 ///
 /// Order 1 is the random walk, 2 constant velocity, 3 constant acceleration. State: all positions, then all velocities,
-/// then all accelerations, so `N = order · axes`.
+/// then all accelerations, then `N − order · axes` further components, which the motion leaves as they are.
 ///
 /// ```
 /// use fixtrail_core::{Vector, models::Integrators};
@@ -32,7 +32,7 @@ impl<const N: usize> Integrators<N> {
     /// for order 1, 2, 3. Entries beyond `axes` are not used.
     ///
     /// # Errors
-    /// [`DesignError`] when order or axes is not 1, 2 or 3, `N` is not their product, or a density of a modelled axis
+    /// [`DesignError`] when order or axes is not 1, 2 or 3, `N` is less than their product, or a density of a modelled axis
     /// is negative or not finite.
     pub fn new(order: usize, axes: usize, psd: [f64; 3]) -> Result<Self, DesignError> {
         if !(1..=3).contains(&order) {
@@ -41,7 +41,7 @@ impl<const N: usize> Integrators<N> {
         if !(1..=3).contains(&axes) {
             return Err(DesignError::Axes { axes });
         }
-        if N != order * axes {
+        if N < order * axes {
             return Err(DesignError::StateSize { found: N, expected: order * axes });
         }
         check_densities(&psd[..axes])?;

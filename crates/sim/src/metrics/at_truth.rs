@@ -1,7 +1,10 @@
 //! Trails read at the instants of truth.
 
 use super::stats::chi_square_quantile;
+use fixtrail_core::Vector;
+use fixtrail_core::models::GaussMarkov;
 use fixtrail_track::layout::Layout;
+use fixtrail_track::spec::GaussMarkovSpec;
 use fixtrail_track::trail::Trail;
 use fixtrail_track::truth::{TargetTruth, TruthPoint};
 
@@ -41,6 +44,8 @@ pub struct Instant {
     pub error_3d_m: Option<f64>,
     /// `eᵀ P⁻¹ e` of the compared coordinates; `None` without an estimate or with a singular P.
     pub nees: Option<f64>,
+    /// Natural logarithm of the determinant of the compared coordinates' covariance; `None` where there is no `nees`.
+    pub log_det: Option<f64>,
     /// Radius of the claimed 95 % ellipse in the direction of the error, metres: the truth is outside when the error is larger.
     pub radius95_m: Option<f64>,
 }
@@ -94,6 +99,35 @@ pub fn kinematic<'a>(layout: &Layout, noise: &'a [f64]) -> impl Fn(&[f64], &[f64
                 _ => dt_s.powi(5) / 20.0,
             };
             out.cov_m2[i][i] += noise.get(i).copied().unwrap_or(0.0) * share;
+        }
+        out
+    }
+}
+
+/// A [`Predict`] for the stationary motion of a spec, by its own transition ([`GaussMarkov`](fixtrail_core::models::GaussMarkov)).
+pub fn gauss_markov(spec: &GaussMarkovSpec) -> impl Fn(&[f64], &[f64], f64) -> Position + '_ {
+    move |mean, cov, dt_s| {
+        let mut out = Position::default();
+        let (n, axes) = (2 * spec.axes, spec.axes);
+        let mut from_position = [0.0; 3];
+        let mut from_velocity = [0.0; 3];
+        for i in 0..axes {
+            // One axis at a time: the motion does not couple them. The spec has been checked.
+            let (centre, spread, speed) = ([spec.centre_m[i]; 3], [spec.spread_m[i]; 3], [spec.speed_mps[i]; 3]);
+            let Ok(motion) = GaussMarkov::<2>::new(1, centre, spread, speed) else { continue };
+            let leap = motion.leap(&Vector::from([mean[i], mean[axes + i]]), dt_s);
+            out.mean_m[i] = leap.next[0];
+            (from_position[i], from_velocity[i]) = (leap.f[(0, 0)], leap.f[(0, 1)]);
+            out.cov_m2[i][i] = leap.q[(0, 0)];
+        }
+        for i in 0..axes {
+            for j in 0..axes {
+                let (pi, vi, pj, vj) = (from_position[i], from_velocity[i], from_position[j], from_velocity[j]);
+                out.cov_m2[i][j] += pi * pj * packed(cov, n, i, j)
+                    + pi * vj * packed(cov, n, i, axes + j)
+                    + vi * pj * packed(cov, n, axes + i, j)
+                    + vi * vj * packed(cov, n, axes + i, axes + j);
+            }
         }
         out
     }
@@ -180,8 +214,16 @@ fn interpolated(
 fn compared(point: &TruthPoint, axes: usize, position: Option<Position>) -> Instant {
     let dof = axes.min(2);
     let incomplete = point.position_m[..dof].iter().any(Option::is_none);
-    let mut instant =
-        Instant { t_s: point.t_s, incomplete, dof, offset_m: None, error_3d_m: None, nees: None, radius95_m: None };
+    let mut instant = Instant {
+        t_s: point.t_s,
+        incomplete,
+        dof,
+        offset_m: None,
+        error_3d_m: None,
+        nees: None,
+        log_det: None,
+        radius95_m: None,
+    };
     let (Some(position), false) = (position, incomplete) else { return instant };
     let mut offset = [0.0; 3];
     for (i, o) in offset.iter_mut().enumerate().take(axes) {
@@ -204,6 +246,8 @@ fn compared(point: &TruthPoint, axes: usize, position: Option<Position>) -> Inst
         )
     };
     instant.nees = inverse_times;
+    let determinant = if dof == 1 { a } else { a * d - b * b };
+    instant.log_det = inverse_times.map(|_| determinant.ln());
     // Along the error the ellipse ends where NEES reaches its quantile; an error of 0 has no direction, the long axis stands in.
     instant.radius95_m = inverse_times
         .map(|nees| if nees > 0.0 { error_m * (chi95(dof) / nees).sqrt() } else { (chi95(dof) * largest).sqrt() });

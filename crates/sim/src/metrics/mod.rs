@@ -9,13 +9,15 @@ mod ranking;
 mod row;
 mod stats;
 
-pub use at_truth::{Instant, Kind, Position, Predict, at_truth, kinematic};
+pub use at_truth::{Instant, Kind, Position, Predict, at_truth, gauss_markov, kinematic};
 pub use nis::{Nis, nis};
 pub use ranking::{Difference, Loss, Losses, Ranking, rank};
 pub use row::{Consistency, Errors, ScoreRow};
 pub use stats::{chi_square_quantile, mean_band95};
 
 use fixtrail_track::layout::Layout;
+use fixtrail_track::registry;
+use fixtrail_track::spec::{ModelSpec, Spec};
 use fixtrail_track::target::TargetTrail;
 use fixtrail_track::trail::Trail;
 use fixtrail_track::truth::TargetTruth;
@@ -42,6 +44,21 @@ pub struct TargetScore {
     pub row: ScoreRow,
     /// The comparison instant by instant, in order of time.
     pub instants: Vec<Instant>,
+}
+
+/// Compares trails that `spec` makes with truth, carried between their fixes by the spec's own motion; otherwise as [`score`].
+///
+/// # Errors
+/// As [`score`].
+pub fn judge(spec: &Spec, kind: Kind, trails: &[TargetTrail], truth: &[TargetTruth]) -> Result<Score, String> {
+    let layout = registry::layout(spec);
+    let noise: &[f64] = match &spec.model {
+        ModelSpec::GaussMarkov(stationary) => return score(trails, &layout, &gauss_markov(stationary), truth, kind),
+        ModelSpec::Kinematic(k) => &k.noise,
+        ModelSpec::Turn(t) => &t.noise,
+        ModelSpec::Linear(_) => &[],
+    };
+    score(trails, &layout, &kinematic(&layout, noise), truth, kind)
 }
 
 /// Compares `trails` with `truth` at the truth instants.

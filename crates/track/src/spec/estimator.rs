@@ -1,10 +1,12 @@
 //! `[estimator]`: what estimates the targets.
 
+use super::model::{DENSITY, densities};
 use super::names::{ALIGNMENTS, ESTIMATORS, LATER_ESTIMATORS, VARIANTS, choose, list};
 use super::value::{Field, Table};
-use super::{Align, EmvfVariant, EstimatorSpec, ModelSpec, SensorSpec, Span};
+use super::{Align, EmvfVariant, EstimatorSpec, ModeSpec, ModelSpec, SensorSpec, Span};
 use crate::error::BuildError;
 use crate::packet::Kind;
+use fixtrail_core::models::MOST_MODES;
 
 /// Largest number of instants of a window or a lag.
 pub const MAX_WINDOW: usize = 100_000;
@@ -28,6 +30,7 @@ pub(super) fn estimator(
         "ufir" => &["kind", "window", "window_s"],
         "lmvf" => &["kind", "square_root"],
         "emvf" => &["kind", "variant", "range_mixture"],
+        "imm" => &["kind", "mode"],
         _ => &["kind"],
     };
     table.only(&format!("the estimator `{kind}`"), keys, &[])?;
@@ -51,9 +54,60 @@ pub(super) fn estimator(
         "lmvf" => EstimatorSpec::Lmvf { square_root: flag(table, "square_root")? },
         "lmmse" => EstimatorSpec::Lmmse,
         "gpb1" => EstimatorSpec::Gpb1,
+        "imm" => EstimatorSpec::Imm { modes: modes(table, &field, model)? },
         "emvf" => EstimatorSpec::Emvf { variant: variant(table)?, range_mixture: flag(table, "range_mixture")? },
         _ => fms(table)?,
     })
+}
+
+/// Modes of a spec that gives none: a tenth of the model's noise, for this long on average …
+const QUIET_S: f64 = 20.0;
+/// … and ten times as much, for this long. 20 × 0.1 + 2 × 10 = 22 × 1: in the long run the noise is the model's.
+const AGILE_S: f64 = 2.0;
+
+/// `[[estimator.mode]]` of `imm`, the estimator in `table`; `kind` is where it is named.
+fn modes(table: &Table<'_>, kind: &Field<'_>, model: &ModelSpec) -> Result<[Option<ModeSpec>; MOST_MODES], BuildError> {
+    let ((noise, axes), turn_noise) = match model {
+        ModelSpec::Kinematic(m) => ((&m.noise[..], m.axes), None),
+        ModelSpec::Turn(m) => ((&m.noise[..], 2), Some(m.turn_noise)),
+        ModelSpec::GaussMarkov(_) => {
+            return Err(kind.error(
+                "is \"imm\", whose modes differ in noise, but the model has a `speed_mps`, expected `ekf`, `rts` or another model",
+            ));
+        }
+        ModelSpec::Linear(_) => {
+            return Err(kind.error(
+                "is \"imm\", which is for kinematic models, but the model gives matrices per step, expected `kalman`",
+            ));
+        }
+    };
+    let three = |noise: &[f64]| core::array::from_fn(|axis| noise.get(axis).copied().unwrap_or(0.0));
+    let mut modes = [None; MOST_MODES];
+    let Some(field) = table.get("mode") else {
+        for (mode, (times, mean_s)) in modes.iter_mut().zip([(0.1, QUIET_S), (10.0, AGILE_S)]) {
+            let noise = three(noise).map(|psd: f64| psd * times);
+            *mode = Some(ModeSpec { noise, turn_noise: turn_noise.map_or(0.0, |psd| psd * times), mean_s });
+        }
+        return Ok(modes);
+    };
+    let expected = format!("2 to {MOST_MODES} tables `[[estimator.mode]]`, or none");
+    let tables = field.elements().filter(|tables| (2..=MOST_MODES).contains(&tables.len()));
+    for (mode, field) in modes.iter_mut().zip(tables.ok_or_else(|| field.misfit(&expected))?) {
+        let table = field.table(&expected)?;
+        match turn_noise {
+            Some(_) => table.only("a mode", &["noise", "turn_noise", "mean_s"], &[])?,
+            None => table.only("a mode", &["noise", "mean_s"], &[])?,
+        }
+        let of_mode = table.get("noise").map(|field| densities(&field, axes)).transpose()?;
+        let turning = table.get("turn_noise").map(|field| field.number(DENSITY, |v| v >= 0.0)).transpose()?;
+        let seconds = "a finite number of seconds from 1e-9: how long the mode lasts on average";
+        *mode = Some(ModeSpec {
+            noise: three(of_mode.as_deref().unwrap_or(noise)),
+            turn_noise: turning.or(turn_noise).unwrap_or(0.0),
+            mean_s: table.require("mean_s", seconds)?.number(seconds, |v| v >= 1e-9)?,
+        });
+    }
+    Ok(modes)
 }
 
 fn flag(table: &Table<'_>, key: &str) -> Result<bool, BuildError> {

@@ -65,6 +65,11 @@ pub(super) fn suits(
     estimator: &EstimatorSpec,
     model: &ModelSpec,
 ) -> Result<(), BuildError> {
+    if let (EstimatorSpec::Imm { .. }, Receiver::Unstamped { .. }) = (estimator, link.receiver) {
+        let what = "is \"imm\", which needs to know when values were sensed, expected `stamped = true` in `[link]`, or `gpb1` for a link \
+                    without time stamps";
+        return Err(at(root, "estimator", "kind", what.to_owned()));
+    }
     if !estimator.is_for_held() {
         return Ok(());
     }

@@ -32,6 +32,7 @@ pub use scenario::{
 use crate::mat::Mat;
 use crate::packet::Kind;
 pub use fixtrail_core::estimators::augmented::Hold;
+use fixtrail_core::models::MOST_MODES;
 use fixtrail_core::sensors::PathLoss;
 use std::collections::BTreeMap;
 
@@ -68,6 +69,8 @@ impl Spec {
 pub enum ModelSpec {
     /// `random-walk`, `constant-velocity`, `constant-acceleration`.
     Kinematic(KinematicSpec),
+    /// `gauss-markov`: positions, then velocities, about a centre.
+    GaussMarkov(GaussMarkovSpec),
     /// `coordinated-turn`: state x, y, vx, vy, omega.
     Turn(TurnSpec),
     /// `linear`, and `fms-paper` written out as the linear model it is.
@@ -79,6 +82,7 @@ impl ModelSpec {
     pub fn prior(&self) -> Option<&Prior> {
         match self {
             ModelSpec::Kinematic(m) => m.prior.as_ref(),
+            ModelSpec::GaussMarkov(m) => m.prior.as_ref(),
             ModelSpec::Turn(m) => m.prior.as_ref(),
             ModelSpec::Linear(m) => m.prior.as_ref(),
         }
@@ -87,6 +91,7 @@ impl ModelSpec {
     fn prior_mut(&mut self) -> Option<&mut Prior> {
         match self {
             ModelSpec::Kinematic(m) => m.prior.as_mut(),
+            ModelSpec::GaussMarkov(m) => m.prior.as_mut(),
             ModelSpec::Turn(m) => m.prior.as_mut(),
             ModelSpec::Linear(m) => m.prior.as_mut(),
         }
@@ -103,6 +108,21 @@ pub struct KinematicSpec {
     /// Power spectral density of the driving noise per axis: m²/s, m²/s³ or m²/s⁵.
     pub noise: Vec<f64>,
     /// Prior of the first instant.
+    pub prior: Option<Prior>,
+}
+
+/// Second-order Gauss–Markov motion: a target that lives about a centre.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GaussMarkovSpec {
+    /// 1, 2 or 3.
+    pub axes: usize,
+    /// `centre_m`: mean of the position per axis.
+    pub centre_m: Vec<f64>,
+    /// `spread_m`: standard deviation of the position per axis.
+    pub spread_m: Vec<f64>,
+    /// `speed_mps`: standard deviation of the velocity per axis.
+    pub speed_mps: Vec<f64>,
+    /// Prior of the first instant; none: the stationary law.
     pub prior: Option<Prior>,
 }
 
@@ -230,6 +250,22 @@ pub enum EstimatorSpec {
     },
     /// `gpb1`.
     Gpb1,
+    /// `imm`: kinematic models only.
+    Imm {
+        /// `mode`: 2 to 4 of them, the first places taken.
+        modes: [Option<ModeSpec>; MOST_MODES],
+    },
+}
+
+/// One of `[[estimator.mode]]`: how a target moves for a while.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ModeSpec {
+    /// `noise`: PSD per axis, in the units of the model's; entries beyond its axes are 0.
+    pub noise: [f64; 3],
+    /// `turn_noise`: PSD of the turn rate's driving noise, rad²/s³; 0 of models without a turn rate.
+    pub turn_noise: f64,
+    /// `mean_s`: how long the mode lasts on average.
+    pub mean_s: f64,
 }
 
 /// `[link]`: what the network does between sensor and receiver.
@@ -298,12 +334,23 @@ pub struct SensorSpec {
     pub path_loss: Option<PathLoss>,
     /// `bias`: anchor name → metres, dB or radians, subtracted from the value.
     pub bias: BTreeMap<String, f64>,
+    /// `drift`: how the error of each anchor that `bias` leaves over changes.
+    pub drift: Option<DriftSpec>,
     /// `height_m`: known target height; a planar track from three-dimensional anchors.
     pub height_m: Option<f64>,
     /// `latency_s`: how late this sensor's time stamps are; subtracted from t.
     pub latency_s: f64,
     /// `robust`.
     pub robust: Robust,
+}
+
+/// An error of each anchor that stays for a while: first-order Gauss–Markov, a state of its own.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DriftSpec {
+    /// `sd`: standard deviation in the sensor's unit.
+    pub sd: f64,
+    /// `time_s`: how long an error lasts.
+    pub time_s: f64,
 }
 
 /// What an update does with a measurement that does not fit.
@@ -346,6 +393,7 @@ impl EstimatorSpec {
             EstimatorSpec::Lmmse => "lmmse",
             EstimatorSpec::Emvf { .. } => "emvf",
             EstimatorSpec::Gpb1 => "gpb1",
+            EstimatorSpec::Imm { .. } => "imm",
         }
     }
 }

@@ -4,7 +4,7 @@ use super::linear::{self, Sources};
 use super::matrix::{Definite, covariance, shape, vector};
 use super::names::{MODELS, choose};
 use super::value::{Field, Table};
-use super::{KinematicSpec, LinearSpec, LinearStep, ModelSpec, Prior, TurnSpec};
+use super::{GaussMarkovSpec, KinematicSpec, LinearSpec, LinearStep, ModelSpec, Prior, TurnSpec};
 use crate::error::BuildError;
 use crate::mat::Mat;
 
@@ -16,13 +16,14 @@ pub(super) fn model(table: &Table<'_>, sources: &mut Sources<'_>) -> Result<Mode
         "random-walk" => ModelSpec::Kinematic(kinematic(table, &whose, 1)?),
         "constant-velocity" => ModelSpec::Kinematic(kinematic(table, &whose, 2)?),
         "constant-acceleration" => ModelSpec::Kinematic(kinematic(table, &whose, 3)?),
+        "gauss-markov" => ModelSpec::GaussMarkov(gauss_markov(table, &whose)?),
         "coordinated-turn" => ModelSpec::Turn(turn(table, &whose)?),
         "fms-paper" => ModelSpec::Linear(fms_paper(table, &whose)?),
         _ => ModelSpec::Linear(linear::linear(table, &whose, sources)?),
     })
 }
 
-const DENSITY: &str = "a finite power spectral density, at least 0";
+pub(super) const DENSITY: &str = "a finite power spectral density, at least 0";
 
 fn kinematic(table: &Table<'_>, whose: &str, order: usize) -> Result<KinematicSpec, BuildError> {
     table.only(whose, &["kind", "axes", "noise", "x0", "P0", "S0"], &[])?;
@@ -38,16 +39,50 @@ fn turn(table: &Table<'_>, whose: &str) -> Result<TurnSpec, BuildError> {
     Ok(TurnSpec { noise: [noise[0], noise[1]], turn_noise, prior: prior(table, 5)? })
 }
 
+fn gauss_markov(table: &Table<'_>, whose: &str) -> Result<GaussMarkovSpec, BuildError> {
+    table.only(whose, &["kind", "axes", "centre_m", "spread_m", "speed_mps", "x0", "P0", "S0"], &[])?;
+    let axes = table.get("axes").map_or(Ok(2), |field| field.count(1, 3))?;
+    // Squares of them, and of their ratio, stay finite and above 0.
+    let positive = |v: f64| (1e-9..=1e9).contains(&v);
+    let sized = |key: &str, expected: &str, valid: fn(f64) -> bool| per_axis(table, key, axes, expected, valid);
+    Ok(GaussMarkovSpec {
+        axes,
+        centre_m: sized("centre_m", "where the target lives, a finite number of metres", |_| true)?,
+        spread_m: sized("spread_m", "a standard deviation of the position, 1e-9 to 1e9 m", positive)?,
+        speed_mps: sized("speed_mps", "a standard deviation of the velocity, 1e-9 to 1e9 m/s", positive)?,
+        prior: prior(table, 2 * axes)?,
+    })
+}
+
 /// One density for each of `axes`.
 fn noise(table: &Table<'_>, axes: usize) -> Result<Vec<f64>, BuildError> {
-    let field = table.require("noise", DENSITY)?;
+    per_axis(table, "noise", axes, DENSITY, |v| v >= 0.0)
+}
+
+/// A number for every axis, or one for all.
+fn per_axis(
+    table: &Table<'_>,
+    key: &str,
+    axes: usize,
+    expected: &str,
+    valid: fn(f64) -> bool,
+) -> Result<Vec<f64>, BuildError> {
+    of_axes(&table.require(key, expected)?, axes, expected, valid)
+}
+
+/// One density for each of `axes`.
+pub(super) fn densities(field: &Field<'_>, axes: usize) -> Result<Vec<f64>, BuildError> {
+    of_axes(field, axes, DENSITY, |v| v >= 0.0)
+}
+
+fn of_axes(field: &Field<'_>, axes: usize, expected: &str, valid: fn(f64) -> bool) -> Result<Vec<f64>, BuildError> {
     let Some(entries) = field.elements() else {
-        return Ok(vec![field.number(DENSITY, |v| v >= 0.0)?; axes]);
+        return Ok(vec![field.number(expected, valid)?; axes]);
     };
     if entries.len() != axes {
         return Err(field.misfit(format!("one number or a list of {axes}, one for each axis")));
     }
-    entries.iter().map(|entry| entry.number(DENSITY, |v| v >= 0.0)).collect()
+    entries.iter().map(|entry| entry.number(expected, valid)).collect()
 }
 
 /// `x0`, `P0` and `S0` of a state of `n` components.

@@ -21,16 +21,18 @@ pub const ESTIMATORS: &[Named] = &[
     ("lmmse", "exact linear minimum mean square error for a receiver that holds values; linearised for other models"),
     ("emvf", "extended minimum-variance filter for a receiver that holds values (Theorem 2 of its paper)"),
     ("gpb1", "two hypotheses, new or held, weighed by how well they fit: arrivals unknown, every model and sensor"),
+    ("imm", "interacting multiple models: a filter for each mode of motion, kinematic models and every sensor"),
 ];
 
 /// `estimator.kind`, one day.
-pub(super) const LATER_ESTIMATORS: &[&str] = &["fosb", "alpha-beta", "imm"];
+pub(super) const LATER_ESTIMATORS: &[&str] = &["fosb", "alpha-beta"];
 
 /// `model.kind`.
 pub const MODELS: &[Named] = &[
     ("random-walk", "position driven by white noise, 1 to 3 axes"),
     ("constant-velocity", "velocity driven by white noise, 1 to 3 axes"),
     ("constant-acceleration", "acceleration driven by white noise, 1 to 3 axes"),
+    ("gauss-markov", "about a centre: position and velocity keep to a stationary law, 1 to 3 axes"),
     ("coordinated-turn", "velocity turning at a slowly varying rate, in the plane"),
     ("linear", "matrices A, B, G, C, Q, R from the spec, fixed or step by step"),
     ("fms-paper", "the finite-memory smoother paper's one-axis model: position, velocity, acceleration"),

@@ -2,7 +2,7 @@
 
 use super::names::{ROBUST, SENSORS, choose};
 use super::value::{Field, Table};
-use super::{ModelSpec, Robust, SensorSpec};
+use super::{DriftSpec, ModelSpec, Robust, SensorSpec};
 use crate::error::BuildError;
 use crate::packet::Kind;
 use fixtrail_core::sensors::PathLoss;
@@ -19,6 +19,7 @@ const DEFAULT_BIWEIGHT: f64 = 4.685;
 pub(super) fn sensors(root: &Table<'_>, model: &ModelSpec) -> Result<Vec<SensorSpec>, BuildError> {
     let axes = match model {
         ModelSpec::Kinematic(kinematic) => kinematic.axes,
+        ModelSpec::GaussMarkov(stationary) => stationary.axes,
         ModelSpec::Turn(_) => 2,
         ModelSpec::Linear(_) => {
             return match root.get("sensor") {
@@ -59,8 +60,8 @@ fn sensor(table: &Table<'_>, axes: usize) -> Result<SensorSpec, BuildError> {
     let kind_field = table.require("kind", "\"position\", \"range\", \"rssi\", \"tdoa\" or \"bearing\"")?;
     let name = choose(&kind_field, SENSORS, &[])?;
     let (kind, own, unit): (_, &[&str], _) = match name {
-        "range" => (Kind::Range, &["bias", "height_m"], "metres"),
-        "rssi" => (Kind::Rssi, &["path_loss", "bias", "height_m"], "dB"),
+        "range" => (Kind::Range, &["bias", "drift", "height_m"], "metres"),
+        "rssi" => (Kind::Rssi, &["path_loss", "bias", "drift", "height_m"], "dB"),
         "tdoa" => (Kind::Tdoa, &["height_m"], "metres"),
         "bearing" => (Kind::Bearing, &["bias"], "radians"),
         _ => (Kind::Position, &[], "metres"),
@@ -83,6 +84,7 @@ fn sensor(table: &Table<'_>, axes: usize) -> Result<SensorSpec, BuildError> {
         sd,
         path_loss: if kind == Kind::Rssi { Some(path_loss(table)?) } else { None },
         bias: table.get("bias").map_or(Ok(BTreeMap::new()), |field| bias(&field, unit))?,
+        drift: table.get("drift").map(|field| drift(&field, unit)).transpose()?,
         height_m,
         latency_s: finite("latency_s", "a finite number of seconds")?.unwrap_or(0.0),
         robust: robust(table)?,
@@ -105,6 +107,17 @@ fn path_loss(sensor: &Table<'_>) -> Result<PathLoss, BuildError> {
     Ok(PathLoss {
         exponent: table.require("exponent", exponent)?.number(exponent, |v| (0.1..=100.0).contains(&v))?,
         at_1m_dbm: table.require("at_1m_dbm", level)?.number(level, |_| true)?,
+    })
+}
+
+fn drift(field: &Field<'_>, unit: &str) -> Result<DriftSpec, BuildError> {
+    let table = field.table("a table such as { sd = 0.3, time_s = 30 }")?;
+    table.only("`drift`", &["sd", "time_s"], &[])?;
+    let sd = format!("a standard deviation in {unit}, a finite number from 1e-9");
+    let time = "how long an error lasts, a positive finite number of seconds";
+    Ok(DriftSpec {
+        sd: table.require("sd", &sd)?.number(&sd, |v| v >= 1e-9)?,
+        time_s: table.require("time_s", time)?.number(time, |v| v > 0.0)?,
     })
 }
 

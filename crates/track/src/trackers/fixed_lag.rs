@@ -6,6 +6,7 @@ use crate::fix::Sink;
 use crate::layout::Layout;
 use crate::linearised::Linearised;
 use crate::model::Model;
+use crate::recursion::Single;
 use crate::spec::Span;
 use crate::tracker::{Step, Tracker};
 use crate::trackers::{LaggedMode, Meta, emit, emit_smoothed};
@@ -47,7 +48,7 @@ impl<const N: usize> FixedLag<N> {
     /// A tracker before its first instant.
     pub fn new(model: Model<N>, lag: Span, mode: LaggedMode) -> Self {
         Self {
-            filter: Filter::new(model),
+            filter: Filter::new(model, Single),
             lag,
             mode,
             forward: None,

@@ -1,27 +1,28 @@
-//! `kalman` and `ekf`: x̂_{k|k} at every instant.
+//! `kalman`, `ekf` and `imm`: x̂_{k|k} at every instant.
 
 use crate::error::StepError;
 use crate::filter::Filter;
 use crate::fix::Sink;
 use crate::layout::Layout;
 use crate::model::Model;
+use crate::recursion::{Recursion, Single};
 use crate::tracker::{Step, Tracker};
 use crate::trackers::{Meta, emit};
 
 /// The filter alone.
 #[derive(Clone)]
-pub struct Kalman<const N: usize> {
-    filter: Filter<N>,
+pub struct Kalman<const N: usize, R: Recursion<N> = Single> {
+    filter: Filter<N, R>,
 }
 
-impl<const N: usize> Kalman<N> {
+impl<const N: usize, R: Recursion<N>> Kalman<N, R> {
     /// A tracker before its first instant.
-    pub fn new(model: Model<N>) -> Self {
-        Self { filter: Filter::new(model) }
+    pub fn new(model: Model<N>, recursion: R) -> Self {
+        Self { filter: Filter::new(model, recursion) }
     }
 }
 
-impl<const N: usize> Tracker for Kalman<N> {
+impl<const N: usize, R: Recursion<N> + 'static> Tracker for Kalman<N, R> {
     fn layout(&self) -> &Layout {
         &self.filter.model.layout
     }

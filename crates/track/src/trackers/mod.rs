@@ -5,6 +5,7 @@ pub mod fms;
 pub mod fms_newton;
 pub mod held;
 pub mod kalman;
+pub mod marginal;
 pub mod rts;
 pub mod ufir;
 

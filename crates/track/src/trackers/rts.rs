@@ -6,6 +6,7 @@ use crate::fix::Sink;
 use crate::layout::Layout;
 use crate::linearised::Linearised;
 use crate::model::Model;
+use crate::recursion::Single;
 use crate::tracker::{Step, Tracker};
 use crate::trackers::{LaggedMode, Meta, emit, emit_smoothed};
 use fixtrail_core::Belief;
@@ -23,7 +24,7 @@ pub struct Rts<const N: usize> {
 impl<const N: usize> Rts<N> {
     /// A tracker before its first instant.
     pub fn new(model: Model<N>, mode: LaggedMode) -> Self {
-        Self { filter: Filter::new(model), mode, metas: Vec::new(), run: Vec::new() }
+        Self { filter: Filter::new(model, Single), mode, metas: Vec::new(), run: Vec::new() }
     }
 
     /// Smoothed beliefs of the run; `None` where the data do not determine them. Each start is smoothed by itself.

@@ -6,7 +6,7 @@ use crate::progress::Progress;
 use crate::runs::{self, Tracked};
 use crate::scores;
 use fixtrail_batch::Table;
-use fixtrail_sim::metrics::{Kind, Loss, Losses, Score};
+use fixtrail_sim::metrics::{Kind, Loss, Losses, Score, judge};
 use fixtrail_track::error::BuildError;
 use fixtrail_track::predictive;
 use fixtrail_track::spec::{EstimatorSpec, Span};
@@ -102,7 +102,7 @@ pub fn entries(
             let Tracked { trails, seconds } = runs::tracks(input, table, spec, mode, bar)?;
             let lagged = (mode == LaggedMode::Both).then(|| scores::smoothers(&trails));
             let entry = |name: String, kind: Kind, trails: Vec<TargetTrail>| {
-                let score = scores::judge(&spec.spec, kind, &trails, truth)
+                let score = judge(&spec.spec, kind, &trails, truth)
                     .map_err(|what| Failure::Bad(format!("{}: {what}", path.display())))?;
                 let knows = if kind == Kind::Smoother { Knows::Later } else { Knows::Past };
                 let losses = squared_errors(&score);

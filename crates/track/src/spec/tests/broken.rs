@@ -45,6 +45,11 @@ fn after(lines: &str, line: u64, key: &'static str, says: &'static [&'static str
     spec(format!("{KINEMATIC}{POSITION}{lines}"), line, key, says)
 }
 
+/// A good model and sensor, then on line 9 a good mode of `imm` and one with `keys` under test.
+fn mode(keys: &str, key: &'static str, says: &'static [&'static str]) -> Broken {
+    after(&format!("[estimator]\nkind = \"imm\"\nmode = [{{ mean_s = 2 }}, {{ {keys} }}]"), 9, key, says)
+}
+
 /// A good model on lines 1 to 3, then `lines` from line 4.
 fn sensor(lines: &str, line: u64, key: &'static str, says: &'static [&'static str]) -> Broken {
     spec(format!("{KINEMATIC}{lines}"), line, key, says)
@@ -198,7 +203,49 @@ fn estimators() -> Vec<Broken> {
             "estimator.kind",
             &["is \"kalmn\"", "`ufir`", "did you mean `kalman`?"],
         ),
-        after("[estimator]\nkind = \"imm\"", 8, "estimator.kind", &["is \"imm\"", "not available yet", "`fms`"]),
+        after("[estimator]\nkind = \"fosb\"", 8, "estimator.kind", &["is \"fosb\"", "not available yet", "`fms`"]),
+        spec(
+            "[model]\nkind = \"fms-paper\"\n[estimator]\nkind = \"imm\"",
+            4,
+            "estimator.kind",
+            &["is \"imm\"", "kinematic models", "`kalman`"],
+        ),
+        after(
+            "[estimator]\nkind = \"imm\"\n[link]\nstamped = false",
+            8,
+            "estimator.kind",
+            &["is \"imm\"", "when values were sensed", "`stamped = true`", "`gpb1`"],
+        ),
+        after(
+            "[estimator]\nkind = \"imm\"\n[[estimator.mode]]\nmean_s = 1",
+            9,
+            "estimator.mode",
+            &["a list of 1 value", "2 to 4 tables `[[estimator.mode]]`"],
+        ),
+        after(
+            "[estimator]\nkind = \"imm\"\nmode = [{ mean_s = 1 }, { mean_s = 1 }, { mean_s = 1 }, { mean_s = 1 }, { mean_s = 1 }]",
+            9,
+            "estimator.mode",
+            &["a list of 5 values", "2 to 4 tables"],
+        ),
+        after(
+            "[estimator]\nkind = \"imm\"\n[estimator.mode]\nmean_s = 1",
+            9,
+            "estimator.mode",
+            &["is a table", "2 to 4"],
+        ),
+        after("[estimator]\nkind = \"imm\"\nmode = [1, 2]", 9, "estimator.mode[0]", &["is 1", "2 to 4 tables"]),
+        mode("noise = 1", "estimator.mode[1].mean_s", &["is missing", "how long the mode lasts"]),
+        mode("mean_s = 0", "estimator.mode[1].mean_s", &["is 0", "from 1e-9"]),
+        mode("mean_s = inf", "estimator.mode[1].mean_s", &["is inf", "seconds"]),
+        mode("mean_s = 1, noise = -1", "estimator.mode[1].noise", &["is -1", "at least 0"]),
+        mode("mean_s = 1, noise = [1, 2, 3]", "estimator.mode[1].noise", &["a list of 3 values", "a list of 2"]),
+        mode(
+            "mean_s = 1, turn_noise = 1",
+            "estimator.mode[1].turn_noise",
+            &["not a key of a mode", "`noise`, `mean_s`"],
+        ),
+        after("[estimator]\nkind = \"ekf\"\nmode = []", 9, "estimator.mode", &["the estimator `ekf`"]),
         after(
             "[estimator]\nkind = \"lmvf\"\nlag = 3",
             9,

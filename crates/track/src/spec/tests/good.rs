@@ -140,6 +140,7 @@ fn sensors_have_every_key_and_their_order() {
         kind: Kind::Range,
         sd: 0.15,
         path_loss: None,
+        drift: None,
         bias: BTreeMap::from([("A3".to_owned(), 0.18), ("B 1".to_owned(), -1.0)]),
         height_m: Some(1.0),
         latency_s: 0.08,
@@ -149,6 +150,7 @@ fn sensors_have_every_key_and_their_order() {
         kind: Kind::Position,
         sd: 2.0,
         path_loss: None,
+        drift: None,
         bias: BTreeMap::new(),
         height_m: None,
         latency_s: 0.0,
@@ -169,6 +171,7 @@ fn sensors_of_anchors_other_than_ranges_have_their_keys() {
         kind,
         sd,
         path_loss: None,
+        drift: None,
         bias: BTreeMap::new(),
         height_m: None,
         latency_s: 0.0,
@@ -326,6 +329,37 @@ fn sequence_alone_may_bring_the_inputs() {
         .unwrap();
     let LinearSpec { base, sequence, .. } = linear(&spec);
     assert_eq!((base.a.data[0], base.b.cols, sequence[1].b.data[1]), (2.0, 2, 4.0));
+}
+
+#[test]
+fn modes_take_the_place_of_the_noise_of_the_model() {
+    let modes = |model: &str, lines: &str| {
+        let sensor = "[sensor]\nkind = \"position\"\nsd = 0.1\n";
+        match good(&format!("[model]\n{model}\n{sensor}[estimator]\nkind = \"imm\"\n{lines}")).estimator {
+            EstimatorSpec::Imm { modes } => modes.map(|mode| mode.map(|m| (m.noise, m.turn_noise, m.mean_s))),
+            other => panic!("{other:?}"),
+        }
+    };
+    let velocity = "kind = \"constant-velocity\"\nnoise = [0.5, 3]";
+    // Without modes: a tenth and ten times the model's, which on average over time is the model's.
+    let [Some((quiet, none, quiet_s)), Some((agile, _, agile_s)), None, None] = modes(velocity, "") else {
+        panic!("two modes")
+    };
+    assert_eq!(none, 0.0);
+    for (axis, expected) in [0.5, 3.0, 0.0].into_iter().enumerate() {
+        let mean = (quiet_s * quiet[axis] + agile_s * agile[axis]) / (quiet_s + agile_s);
+        assert!((mean - expected).abs() < 1e-15 && (agile[axis] - 100.0 * quiet[axis]).abs() < 1e-14);
+    }
+    let two = "[[estimator.mode]]\nmean_s = 8\n[[estimator.mode]]\nnoise = 2\nmean_s = 1.5";
+    let expected = [Some(([0.5, 3.0, 0.0], 0.0, 8.0)), Some(([2.0, 2.0, 0.0], 0.0, 1.5)), None, None];
+    assert_eq!(modes(velocity, two), expected);
+    let turn = "kind = \"coordinated-turn\"\nnoise = 0.5\nturn_noise = 0.25";
+    let four =
+        "mode = [{ mean_s = 1 }, { mean_s = 2, turn_noise = 1 }, { mean_s = 3, noise = [0, 1] }, { mean_s = 4 }]";
+    let model = [0.5, 0.5, 0.0];
+    let expected = [(model, 0.25, 1.0), (model, 1.0, 2.0), ([0.0, 1.0, 0.0], 0.25, 3.0), (model, 0.25, 4.0)];
+    assert_eq!(modes(turn, four), expected.map(Some));
+    assert_eq!(modes(turn, "")[1].map(|m| m.1), Some(2.5));
 }
 
 #[test]

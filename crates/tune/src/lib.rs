@@ -1,0 +1,20 @@
+//! The numbers of a spec from recordings: calibration of the sensors, search for what describes noise and motion, and the tuned spec as
+//! commented text.
+//!
+//! With truth the merit of a spec is the mean logarithm of the density that the causal trail claims for the true positions, so both the
+//! error and the claimed covariance count; without truth it is that of the next measurements
+//! ([`predictive`](fixtrail_track::predictive)). Both take the density as a contaminated normal one, so that a moment of confusion does not
+//! decide.
+
+mod calibrate;
+mod knobs;
+mod merit;
+mod search;
+mod structure;
+mod tune;
+mod write;
+
+pub use merit::{Merit, Recording};
+pub use structure::Change;
+pub use tune::{Options, Tried, TuneError, Tuned, tune};
+pub use write::write;

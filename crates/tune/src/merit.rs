@@ -1,0 +1,207 @@
+//! How good a spec is on recordings.
+
+use fixtrail_sim::metrics::{Instant, Kind, judge};
+use fixtrail_track::anchors::Anchors;
+use fixtrail_track::packet::Packet;
+use fixtrail_track::pipeline::track;
+use fixtrail_track::predictive;
+use fixtrail_track::spec::{EstimatorSpec, Spec};
+use fixtrail_track::target::{TargetPackets, TargetTrail};
+use fixtrail_track::trackers::LaggedMode;
+use fixtrail_track::truth::TargetTruth;
+use rayon::prelude::*;
+
+/// What was recorded once.
+#[derive(Clone, Debug)]
+pub struct Recording {
+    /// Its name, for messages and comments.
+    pub name: String,
+    /// The anchors of its place.
+    pub anchors: Anchors,
+    /// The packets of each target, sensed at the times that the spec's latencies say.
+    pub targets: Vec<TargetPackets>,
+    /// Known positions; empty without truth.
+    pub truth: Vec<TargetTruth>,
+}
+
+/// Share of instants that the density takes for confusion.
+const CONTAMINATION: f64 = 0.05;
+/// Variance of a moment of confusion, in the claimed one.
+const INFLATION: f64 = 100.0;
+/// Standard deviation claimed, metres, where there is no estimate at all.
+const IGNORANCE_M: f64 = 300.0;
+
+/// Seconds without a fix that the score looks across as well: a network loses packets, and motion must foretell what they would have said.
+const AHEAD_S: f64 = 2.0;
+/// Weight of the score without fixes for [`AHEAD_S`].
+const AHEAD: f64 = 0.3;
+
+/// How good a spec is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Merit {
+    /// Mean log density: of the true positions, three parts in ten of them foretold from fixes up to [`AHEAD_S`] old, or of the next
+    /// measurements; the larger the better. −∞ for a spec that cannot be run.
+    pub score: f64,
+    /// Root mean square distance from the truth, metres, where there is truth.
+    pub rmse_m: Option<f64>,
+    /// Root mean square of the innovations over their standard deviation, where there is no truth.
+    pub innovation: Option<f64>,
+}
+
+impl Merit {
+    const WORST: Merit = Merit { score: f64::NEG_INFINITY, rmse_m: None, innovation: None };
+}
+
+/// What is added up over the targets of all recordings.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sum {
+    /// Targets, each of the same weight however long.
+    weight: f64,
+    score: f64,
+    squared_m2: f64,
+    instants: f64,
+    nis: f64,
+    scalars: f64,
+}
+
+/// Root mean square distance of the smoothed trail from the truth, metres; as [`merit`].
+pub fn smoothed_rmse(spec: &Spec, recordings: &[Recording], shift_s: &[f64]) -> Option<f64> {
+    let spec = Spec { estimator: EstimatorSpec::Rts, ..spec.clone() };
+    let jobs: Vec<(&Recording, &TargetPackets)> =
+        recordings.iter().flat_map(|r| r.targets.iter().map(move |t| (r, t))).collect();
+    let one = |(recording, target): &(&Recording, &TargetPackets)| {
+        let Some(truth) = truth_of(recording, target) else { return Some((0.0, 0.0)) };
+        let target = shifted(&spec, target, shift_s);
+        let trail = track(&spec, &recording.anchors, &target, LaggedMode::Own).ok()?;
+        let (squares, count) = errors(&spec, Kind::Smoother, trail, truth)?;
+        Some((squares, count))
+    };
+    let parts: Option<Vec<(f64, f64)>> = jobs.par_iter().map(one).collect();
+    let (squares, count) = parts?.into_iter().fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
+    (count > 0.0).then(|| (squares / count).sqrt())
+}
+
+fn errors(spec: &Spec, kind: Kind, trail: TargetTrail, truth: &TargetTruth) -> Option<(f64, f64)> {
+    let truth = TargetTruth { target: trail.target.clone(), points: truth.points.clone() };
+    let scored = judge(spec, kind, &[trail], &[truth]).ok()?;
+    let errors = scored.targets.first()?.instants.iter().filter_map(Instant::error_m);
+    Some(errors.fold((0.0, 0.0), |(sum, count), e| (sum + e * e, count + 1.0)))
+}
+
+fn truth_of<'a>(recording: &'a Recording, target: &TargetPackets) -> Option<&'a TargetTruth> {
+    let lone = recording.targets.len() == 1 && recording.truth.len() == 1;
+    recording.truth.iter().find(|t| lone || t.target == target.target)
+}
+
+/// The merit of `spec` on `recordings`; `shift_s` moves the times of each sensor's packets, in the order of the spec's sensors.
+pub fn merit(spec: &Spec, recordings: &[Recording], shift_s: &[f64]) -> Merit {
+    let spec = causal(spec);
+    let jobs: Vec<(&Recording, &TargetPackets)> =
+        recordings.iter().flat_map(|r| r.targets.iter().map(move |t| (r, t))).collect();
+    // Collected in order, so that the sum does not depend on the threads.
+    let parts: Option<Vec<Sum>> = jobs.par_iter().map(|(r, t)| one(&spec, r, t, shift_s)).collect();
+    let Some(parts) = parts else { return Merit::WORST };
+    let sum = parts.iter().fold(Sum::default(), |a, b| Sum {
+        weight: a.weight + b.weight,
+        score: a.score + b.score,
+        squared_m2: a.squared_m2 + b.squared_m2,
+        instants: a.instants + b.instants,
+        nis: a.nis + b.nis,
+        scalars: a.scalars + b.scalars,
+    });
+    if !(sum.weight > 0.0) || !sum.score.is_finite() {
+        return Merit::WORST;
+    }
+    Merit {
+        score: sum.score / sum.weight,
+        rmse_m: (sum.instants > 0.0).then(|| (sum.squared_m2 / sum.instants).sqrt()),
+        innovation: (sum.scalars > 0.0).then(|| (sum.nis / sum.scalars).sqrt()),
+    }
+}
+
+/// The spec with the filter of its smoother: the search scores what was known at the time.
+fn causal(spec: &Spec) -> Spec {
+    let mut spec = spec.clone();
+    if matches!(spec.estimator, EstimatorSpec::Rts | EstimatorSpec::FixedLagKalman { .. }) {
+        spec.estimator = EstimatorSpec::Ekf;
+    }
+    spec
+}
+
+/// Packets with the times of each sensor moved.
+fn shifted(spec: &Spec, target: &TargetPackets, shift_s: &[f64]) -> TargetPackets {
+    let moved = |packet: &Packet| {
+        let mut packet = packet.clone();
+        let sensor = spec.sensors.iter().position(|s| s.kind == packet.content.kind());
+        packet.t_s -= sensor.and_then(|i| shift_s.get(i)).copied().unwrap_or(0.0);
+        packet
+    };
+    TargetPackets { target: target.target.clone(), packets: target.packets.iter().map(moved).collect() }
+}
+
+/// The part of one target; `None` for a spec that cannot be run.
+fn one(spec: &Spec, recording: &Recording, target: &TargetPackets, shift_s: &[f64]) -> Option<Sum> {
+    let moved;
+    let target = if shift_s.iter().all(|s| *s == 0.0) {
+        target
+    } else {
+        moved = shifted(spec, target, shift_s);
+        &moved
+    };
+    let with_truth = !recording.truth.is_empty();
+    let truth = truth_of(recording, target);
+    if with_truth && truth.is_none() {
+        return Some(Sum::default());
+    }
+    let trail = track(spec, &recording.anchors, target, LaggedMode::Own).ok()?;
+    match truth {
+        Some(truth) => of_truth(spec, target, trail, truth),
+        None => {
+            let score = predictive::score(spec, &recording.anchors, target, &trail.trail, None).ok()?;
+            let all = (score.scalars + score.unforetold) as f64;
+            let Some(mean) = score.mean_log_density() else { return Some(Sum::default()) };
+            // What nothing was foretold of counts as foretold with a hundred times the usual spread.
+            let sum = mean * score.scalars as f64 + (mean - 100f64.ln()) * score.unforetold as f64;
+            let nis = score.mean_nis().unwrap_or(0.0) * score.scalars as f64;
+            Some(Sum { weight: 1.0, score: sum / all, nis, scalars: score.scalars as f64, ..Sum::default() })
+        }
+    }
+}
+
+fn of_truth(spec: &Spec, target: &TargetPackets, trail: TargetTrail, truth: &TargetTruth) -> Option<Sum> {
+    let from_s = target.packets.iter().map(|p| p.t_s).fold(f64::INFINITY, f64::min);
+    let truth = [TargetTruth { target: trail.target.clone(), points: truth.points.clone() }];
+    let rare = TargetTrail { trail: trail.trail.thinned(AHEAD_S), ..trail.clone() };
+    let ahead = judge(spec, Kind::Filter, &[rare], &truth).ok()?;
+    let scored = judge(spec, Kind::Filter, &[trail], &truth).ok()?;
+    let mut sum = Sum::default();
+    let mut count = 0.0;
+    for (instant, ahead) in scored.targets.first()?.instants.iter().zip(&ahead.targets.first()?.instants) {
+        if instant.incomplete || instant.t_s < from_s {
+            continue;
+        }
+        count += 1.0;
+        sum.score += (1.0 - AHEAD) * log_density(instant) + AHEAD * log_density(ahead);
+        if let Some(error) = instant.error_m() {
+            sum.squared_m2 += error * error;
+            sum.instants += 1.0;
+        }
+    }
+    if count > 0.0 {
+        sum.score /= count;
+        sum.weight = 1.0;
+    }
+    Some(sum)
+}
+
+/// `ln(0.95 N(e; 0, P) + 0.05 N(e; 0, 100 P))` of the error at one instant.
+fn log_density(instant: &Instant) -> f64 {
+    let dof = instant.dof as f64;
+    let normal = -0.5 * dof * std::f64::consts::TAU.ln();
+    let (Some(nees), Some(log_det)) = (instant.nees, instant.log_det) else {
+        return normal - dof * IGNORANCE_M.ln() - 0.5 * dof;
+    };
+    let wide = -0.5 * nees / INFLATION;
+    let good = (1.0 - CONTAMINATION) * (-0.5 * nees - wide).exp();
+    normal - 0.5 * log_det + wide + (good + CONTAMINATION * INFLATION.powf(-0.5 * dof)).ln()
+}

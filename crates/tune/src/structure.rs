@@ -1,0 +1,125 @@
+//! What a spec may become besides other numbers: another motion, drifting errors, another treatment of outliers.
+
+use crate::knobs::Setting;
+use crate::merit::Recording;
+use fixtrail_track::packet::Kind;
+use fixtrail_track::spec::{DriftSpec, GaussMarkovSpec, MAX_STATE, ModelSpec, Robust, Spec};
+
+/// One change of structure.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Change {
+    /// Stationary motion about the place of anchors and truth.
+    Resident,
+    /// Errors of each anchor that last, of the sensor at that place in the spec.
+    Drift(usize),
+    /// Huber's weight on all sensors.
+    Huber,
+    /// The biweight on all sensors.
+    Redescending,
+}
+
+impl Change {
+    /// All, in the order in which they are tried.
+    pub fn all(spec: &Spec) -> Vec<Change> {
+        let mut out = vec![Change::Resident];
+        let drifting = |kind: Kind| matches!(kind, Kind::Range | Kind::Rssi);
+        out.extend((0..spec.sensors.len()).filter(|i| drifting(spec.sensors[*i].kind)).map(Change::Drift));
+        out.extend([Change::Huber, Change::Redescending]);
+        out
+    }
+
+    /// How the change is called in messages.
+    pub fn name(self) -> &'static str {
+        match self {
+            Change::Resident => "stationary motion (`gauss-markov`)",
+            Change::Drift(_) => "errors that last (`drift`)",
+            Change::Huber => "`robust = \"huber\"`",
+            Change::Redescending => "`robust = \"redescending\"`",
+        }
+    }
+
+    /// The setting with the change; `None` where it makes no sense or is there already.
+    pub fn apply(self, setting: &Setting, recordings: &[Recording]) -> Option<Setting> {
+        let mut out = setting.clone();
+        match self {
+            Change::Resident => out.spec.model = ModelSpec::GaussMarkov(resident(&setting.spec, recordings)?),
+            Change::Drift(i) => {
+                if setting.spec.sensors[i].drift.is_some() || states_with_drift(&setting.spec, recordings) > MAX_STATE {
+                    return None;
+                }
+                // Half of the error's variance lasts.
+                let sensor = &mut out.spec.sensors[i];
+                sensor.drift = Some(DriftSpec { sd: sensor.sd * 0.5f64.sqrt(), time_s: 30.0 });
+                sensor.sd *= 0.5f64.sqrt();
+            }
+            Change::Huber => robust(&mut out.spec, Robust::Huber(1.345))?,
+            Change::Redescending => robust(&mut out.spec, Robust::Redescending(4.685))?,
+        }
+        Some(out)
+    }
+}
+
+fn robust(spec: &mut Spec, robust: Robust) -> Option<()> {
+    let same = |r: Robust| core::mem::discriminant(&r) == core::mem::discriminant(&robust);
+    if spec.sensors.iter().all(|s| same(s.robust)) {
+        return None;
+    }
+    spec.sensors.iter_mut().for_each(|s| s.robust = robust);
+    Some(())
+}
+
+fn states_with_drift(spec: &Spec, recordings: &[Recording]) -> usize {
+    let anchors = recordings.iter().map(|r| r.anchors.len()).max().unwrap_or(0);
+    let drifting = 1 + spec.sensors.iter().filter(|s| s.drift.is_some()).count();
+    fixtrail_track::registry::layout(spec).n() + drifting * anchors
+}
+
+/// Stationary motion about the middle of the box of anchors and known positions, as wide as a uniform distribution over it.
+fn resident(spec: &Spec, recordings: &[Recording]) -> Option<GaussMarkovSpec> {
+    let ModelSpec::Kinematic(model) = &spec.model else { return None };
+    if model.order != 2 || model.prior.is_some() {
+        return None;
+    }
+    let axes = model.axes;
+    let mut bounds = [[f64::INFINITY, f64::NEG_INFINITY]; 3];
+    let mut take = |axis: usize, v: f64| bounds[axis] = [bounds[axis][0].min(v), bounds[axis][1].max(v)];
+    let mut speeds = Vec::new();
+    for recording in recordings {
+        for id in 0..recording.anchors.len() as u32 {
+            let at = recording.anchors.position_m(id);
+            (0..axes).for_each(|axis| take(axis, at[axis]));
+        }
+        for truth in &recording.truth {
+            for point in &truth.points {
+                (0..axes)
+                    .filter_map(|axis| point.position_m[axis].map(|v| (axis, v)))
+                    .for_each(|(axis, v)| take(axis, v));
+            }
+            for pair in truth.points.windows(2) {
+                let dt_s = pair[1].t_s - pair[0].t_s;
+                let step = (0..axes.min(2)).map(|axis| Some(pair[1].position_m[axis]? - pair[0].position_m[axis]?));
+                let step: Option<Vec<f64>> = step.collect();
+                if let Some(step) = step.filter(|_| dt_s > 0.0 && dt_s < 2.0) {
+                    speeds.push(step.iter().map(|s| s * s).sum::<f64>() / (dt_s * dt_s));
+                }
+            }
+        }
+    }
+    if !bounds[..axes].iter().all(|[least, most]| most > least) {
+        return None;
+    }
+    let half: Vec<f64> = bounds[..axes].iter().map(|[least, most]| 0.5 * (most - least)).collect();
+    // A box without depth, anchors along a wall, still leaves room to move in.
+    let widest = half.iter().copied().fold(0.0, f64::max);
+    let spread: Vec<f64> = half.iter().map(|h| (h / 3f64.sqrt()).max(0.1 * widest)).collect();
+    let mean_square = speeds.iter().sum::<f64>() / speeds.len().max(1) as f64;
+    let speed = if mean_square > 0.0 { (0.5 * mean_square).sqrt() } else { 0.5 };
+    let speed = speed.clamp(1e-3 * widest, widest).max(1e-6);
+    Some(GaussMarkovSpec {
+        axes,
+        centre_m: bounds[..axes].iter().map(|[least, most]| 0.5 * (least + most)).collect(),
+        spread_m: spread,
+        speed_mps: vec![speed; axes],
+        prior: None,
+    })
+}

@@ -1,0 +1,342 @@
+//! From a first spec to a tuned one.
+
+use crate::calibrate::{self, Calibration, calibrate};
+use crate::knobs::{Place, Setting};
+use crate::merit::{Merit, Recording, merit, smoothed_rmse};
+use crate::search::{Candidate, Effort, Profile, profiles, search};
+use crate::structure::Change;
+use fixtrail_track::packet::Kind;
+use fixtrail_track::pipeline::track;
+use fixtrail_track::spec::{EstimatorSpec, ModelSpec, Receiver, Span, Spec};
+use fixtrail_track::trackers::LaggedMode;
+use fixtrail_track::truth::{TargetTruth, TruthPoint};
+
+/// Gain in the score that a change of structure must bring.
+const WORTH_A_CHANGE: f64 = 0.03;
+/// Windows of `fms` and `ufir` that are tried, in instants.
+const WINDOWS: [usize; 12] = [3, 4, 5, 6, 8, 10, 13, 17, 23, 30, 40, 60];
+
+/// What a tuning may do.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Options {
+    /// Leave motion, drift and treatment of outliers as they are: numbers only.
+    pub keep_structure: bool,
+}
+
+/// Why nothing can be tuned.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum TuneError {
+    /// No recording has a packet.
+    #[error("has no rows that the spec uses, expected measurements")]
+    Empty,
+    /// The link says nothing of ages.
+    #[error("`link.stamped` is false: tuning expects rows that say when they were sensed")]
+    Unstamped,
+    /// Nothing to turn.
+    #[error("`model.kind` is \"linear\" and `estimator.kind` has no window: there is no number to tune")]
+    Nothing,
+    /// The start itself cannot be run.
+    #[error("the spec to start from gives no trail on these data: {0}")]
+    Start(String),
+}
+
+/// A change of structure that was tried.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tried {
+    /// What.
+    pub change: Change,
+    /// How much it gained.
+    pub gain: f64,
+    /// Whether it was taken.
+    pub taken: bool,
+}
+
+/// The outcome.
+#[derive(Clone, Debug)]
+pub struct Tuned {
+    /// The tuned spec, latencies included.
+    pub spec: Spec,
+    /// Merit of the spec that was given.
+    pub before: Merit,
+    /// Merit of the tuned one, on the same data.
+    pub after: Merit,
+    /// Whether truth decided.
+    pub with_truth: bool,
+    /// Calibration of each sensor, in the order of the spec.
+    pub calibrations: Vec<Option<Calibration>>,
+    /// Latency of each sensor with the root mean square errors, metres, of smoothed trails at 0.1 s less, at it and at 0.1 s more; empty
+    /// without truth.
+    pub latencies: Vec<Option<[f64; 3]>>,
+    /// What neighbours of the numbers would lose.
+    pub profiles: Vec<Profile>,
+    /// Windows tried, with the mean squared innovation or the loss of score.
+    pub windows: Vec<(usize, f64)>,
+    /// Changes of structure tried.
+    pub structures: Vec<Tried>,
+    /// How many settings were run.
+    pub runs: u64,
+}
+
+/// Tunes `base` on `recordings`; `progress` is told of every setting that was run.
+///
+/// Calibration first, where there is truth: biases and path loss from residuals at known positions. Then a compass search over the numbers,
+/// and each change of structure that gains enough with its own search. Without truth the biases are those that a smoothed trail leaves, as
+/// far as they make the next measurements more likely.
+///
+/// # Errors
+/// [`TuneError`].
+pub fn tune(
+    base: &Spec,
+    recordings: &[Recording],
+    options: &Options,
+    progress: &(dyn Fn(u64) + Sync),
+) -> Result<Tuned, TuneError> {
+    if recordings.iter().all(|r| r.targets.iter().all(|t| t.packets.is_empty())) {
+        return Err(TuneError::Empty);
+    }
+    if let Receiver::Unstamped { .. } = base.link.receiver {
+        return Err(TuneError::Unstamped);
+    }
+    let with_truth = recordings.iter().any(|r| !r.truth.is_empty());
+    let window = matches!(base.estimator, EstimatorSpec::Fms { .. } | EstimatorSpec::Ufir { .. });
+    if Place::all(base).is_empty() && !window {
+        return Err(TuneError::Nothing);
+    }
+    let runs = std::sync::atomic::AtomicU64::new(0);
+    let tried = |n: u64| {
+        runs.fetch_add(n, std::sync::atomic::Ordering::Relaxed);
+        progress(n);
+    };
+    // Numbers first by the filter: a window is chosen for them afterwards.
+    let mut start = base.clone();
+    let modes = matches!(base.estimator, EstimatorSpec::Imm { .. });
+    if (window || modes) && !matches!(base.model, ModelSpec::Linear(_)) {
+        start.estimator = EstimatorSpec::Ekf;
+    }
+    let start = Setting { spec: start, shift_s: vec![0.0; base.sensors.len()] };
+    let before = merit(base, recordings, &start.shift_s);
+    if !before.score.is_finite() {
+        return Err(TuneError::Start(reason(base, recordings)));
+    }
+    let mut best = Candidate::of(start, recordings);
+    tried(2);
+    let calibrations = if with_truth {
+        calibrated(&mut best, recordings)
+    } else {
+        self_calibrated(&mut best, recordings, &tried);
+        vec![None; base.sensors.len()]
+    };
+    let coarse = Effort { shrinks: 1, rounds: 4 };
+    best = search(best.clone(), &Place::all(&best.setting.spec), recordings, coarse, &tried);
+    let mut latencies = Vec::new();
+    if with_truth {
+        latencies = find_latencies(&mut best, recordings, &tried);
+    }
+    let mut structures = Vec::new();
+    if !options.keep_structure {
+        for change in Change::all(base) {
+            // What is learnt of errors from foretold measurements alone is not told apart from motion.
+            if matches!(change, Change::Drift(_)) && !with_truth {
+                continue;
+            }
+            // Modes differ in a noise that stationary motion does not have.
+            if matches!((change, base.estimator), (Change::Resident, EstimatorSpec::Imm { .. })) {
+                continue;
+            }
+            let Some(setting) = change.apply(&best.setting, recordings) else { continue };
+            let other = Candidate::of(setting, recordings);
+            tried(1);
+            let places = Place::all(&other.setting.spec);
+            let other = search(other, &places, recordings, coarse, &tried);
+            let gain = other.merit.score - best.merit.score;
+            let taken = gain > WORTH_A_CHANGE;
+            structures.push(Tried { change, gain, taken });
+            if taken {
+                best = other;
+            }
+        }
+    }
+    let places = Place::all(&best.setting.spec);
+    let fine = Effort { shrinks: 3, rounds: 12 };
+    best = search(best, &places, recordings, fine, &tried);
+    let profiles = profiles(&best, &places, recordings, &tried);
+    let mut spec = best.setting.spec.clone();
+    if modes {
+        spec.estimator = with_noise_of(base, &spec);
+    }
+    let mut windows = Vec::new();
+    if window {
+        spec.estimator = base.estimator;
+        windows = choose_window(&mut spec, recordings, &best.setting.shift_s, &tried);
+    }
+    let after = merit(&spec, recordings, &best.setting.shift_s);
+    for (sensor, shift_s) in spec.sensors.iter_mut().zip(&best.setting.shift_s) {
+        sensor.latency_s += shift_s;
+    }
+    let runs = runs.into_inner();
+    Ok(Tuned { spec, before, after, with_truth, calibrations, latencies, profiles, windows, structures, runs })
+}
+
+/// The modes of `base`, their noise by the same factor as the model's.
+fn with_noise_of(base: &Spec, tuned: &Spec) -> EstimatorSpec {
+    let mut estimator = base.estimator;
+    let noise = |spec: &Spec| match &spec.model {
+        ModelSpec::Kinematic(m) => m.noise.first().copied(),
+        ModelSpec::Turn(m) => Some(m.noise[0]),
+        _ => None,
+    };
+    if let (EstimatorSpec::Imm { modes }, Some(before), Some(after)) = (&mut estimator, noise(base), noise(tuned)) {
+        let by = if before > 0.0 { after / before } else { 1.0 };
+        modes.iter_mut().flatten().for_each(|mode| mode.noise.iter_mut().for_each(|v| *v *= by));
+    }
+    estimator
+}
+
+/// Latencies that are tried first, seconds.
+const LATENCIES: [f64; 9] = [-0.4, -0.2, 0.0, 0.1, 0.2, 0.3, 0.5, 0.8, 1.2];
+/// Share of the smoothed trail's error that a latency must take away.
+const WORTH_A_LATENCY: f64 = 0.02;
+
+/// The latency of each sensor, by the smoothed trail, which has no delay of its own: the one with the least root mean square error.
+fn find_latencies(best: &mut Candidate, recordings: &[Recording], tried: &dyn Fn(u64)) -> Vec<Option<[f64; 3]>> {
+    let mut found = Vec::new();
+    for i in 0..best.setting.shift_s.len() {
+        let rmse = |at: f64| {
+            let mut shift_s = best.setting.shift_s.clone();
+            shift_s[i] = at;
+            tried(1);
+            smoothed_rmse(&best.setting.spec, recordings, &shift_s).unwrap_or(f64::INFINITY)
+        };
+        let now = rmse(0.0);
+        let least = |candidates: &[f64], start: (f64, f64)| {
+            candidates.iter().map(|at| (*at, rmse(*at))).fold(start, |a, b| if b.1 < a.1 { b } else { a })
+        };
+        let mut at = least(&LATENCIES, (0.0, now));
+        for step in [0.1, 0.05, 0.025] {
+            at = least(&[at.0 - step, at.0 + step], at);
+        }
+        let worth = at.1 < (1.0 - WORTH_A_LATENCY) * now;
+        found.push(worth.then(|| [rmse(at.0 - 0.1), at.1, rmse(at.0 + 0.1)]));
+        if worth {
+            let mut setting = best.setting.clone();
+            setting.shift_s[i] = at.0;
+            *best = Candidate::of(setting, recordings);
+        }
+    }
+    found
+}
+
+/// Why a spec does not run.
+fn reason(spec: &Spec, recordings: &[Recording]) -> String {
+    for recording in recordings {
+        for target in &recording.targets {
+            if let Err(error) = track(spec, &recording.anchors, target, LaggedMode::Own) {
+                return format!("{}: {error}", recording.name);
+            }
+        }
+    }
+    "truth and measurements have no target or no time in common".to_owned()
+}
+
+/// Biases and path loss at known positions, and the noise they leave.
+fn calibrated(best: &mut Candidate, recordings: &[Recording]) -> Vec<Option<Calibration>> {
+    let mut setting = best.setting.clone();
+    let height_m = calibrate::height(recordings);
+    let planar = fixtrail_track::registry::layout(&setting.spec).axes == 2;
+    for sensor in
+        setting.spec.sensors.iter_mut().filter(|s| planar && matches!(s.kind, Kind::Range | Kind::Rssi | Kind::Tdoa))
+    {
+        sensor.height_m = height_m.or(sensor.height_m);
+    }
+    let spec = &setting.spec;
+    let all: Vec<Option<Calibration>> = (0..spec.sensors.len()).map(|i| calibrate(spec, i, recordings)).collect();
+    for (sensor, calibration) in setting.spec.sensors.iter_mut().zip(&all) {
+        let Some(calibration) = calibration else { continue };
+        sensor.bias = calibration.bias.iter().map(|(anchor, b)| (anchor.clone(), b.value)).collect();
+        if let (Some([exponent, level]), Some(law)) = (calibration.path_loss, &mut sensor.path_loss) {
+            (law.exponent, law.at_1m_dbm) = (exponent.value, level.value);
+        }
+        if calibration.sd > 0.0 {
+            sensor.sd = calibration.sd;
+        }
+    }
+    *best = Candidate::of(setting, recordings);
+    all
+}
+
+/// Most rounds of calibration by a smoothed trail.
+const MOST_ROUNDS: usize = 6;
+
+/// Biases that a smoothed trail leaves in the ranges, round by round as long as the next measurements become more likely.
+fn self_calibrated(best: &mut Candidate, recordings: &[Recording], tried: &dyn Fn(u64)) {
+    if !best.setting.spec.sensors.iter().any(|s| s.kind == Kind::Range) {
+        return;
+    }
+    for _ in 0..MOST_ROUNDS {
+        let Some(pretended) = smoothed(&best.setting.spec, recordings) else { return };
+        let mut setting = best.setting.clone();
+        for i in 0..setting.spec.sensors.len() {
+            if setting.spec.sensors[i].kind != Kind::Range {
+                continue;
+            }
+            let Some(calibration) = calibrate(&best.setting.spec, i, &pretended) else { continue };
+            setting.spec.sensors[i].bias = calibration.bias.into_iter().map(|(a, b)| (a, b.value)).collect();
+        }
+        let next = Candidate::of(setting, recordings);
+        tried(2);
+        if next.merit.score <= best.merit.score + 1e-3 {
+            return;
+        }
+        *best = next;
+    }
+}
+
+/// The recordings with their smoothed trails for truth.
+fn smoothed(spec: &Spec, recordings: &[Recording]) -> Option<Vec<Recording>> {
+    let spec = Spec { estimator: EstimatorSpec::Rts, ..spec.clone() };
+    let axes = fixtrail_track::registry::layout(&spec).axes;
+    let mut out = Vec::new();
+    for recording in recordings {
+        let mut truth = Vec::new();
+        for target in &recording.targets {
+            let trail = track(&spec, &recording.anchors, target, LaggedMode::Own).ok()?.trail;
+            let point = |row: usize| {
+                let (t_s, mean) = (trail.t_s[row]?, trail.mean(row)?);
+                Some(TruthPoint { t_s, position_m: core::array::from_fn(|i| (i < axes).then(|| mean[i])) })
+            };
+            truth.push(TargetTruth {
+                target: target.target.clone(),
+                points: (0..trail.len()).filter_map(point).collect(),
+            });
+        }
+        out.push(Recording { truth, ..recording.clone() });
+    }
+    Some(out)
+}
+
+/// The window with the best merit; the lag of a smoother is a third of it where that is less than what was asked for.
+fn choose_window(spec: &mut Spec, recordings: &[Recording], shift_s: &[f64], tried: &dyn Fn(u64)) -> Vec<(usize, f64)> {
+    let with = |window: usize| {
+        let mut spec = spec.clone();
+        match &mut spec.estimator {
+            EstimatorSpec::Fms { window: w, lag, .. } => {
+                *w = Span::Instants(window);
+                *lag = Span::Instants(window / 3);
+            }
+            EstimatorSpec::Ufir { window: w } => *w = Span::Instants(window),
+            _ => {}
+        }
+        spec
+    };
+    let mut out = Vec::new();
+    for window in WINDOWS {
+        out.push((window, merit(&with(window), recordings, shift_s).score));
+        tried(1);
+    }
+    let best = out.iter().filter(|(_, score)| score.is_finite()).max_by(|a, b| a.1.total_cmp(&b.1)).copied();
+    if let Some((window, _)) = best {
+        *spec = with(window);
+    }
+    out
+}
