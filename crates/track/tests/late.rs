@@ -125,6 +125,7 @@ fn kinematic_cases(rng: &mut Random, len: usize) -> Vec<Case> {
                 kind,
                 sd: 0.1,
                 path_loss: None,
+                drift: None,
                 bias: BTreeMap::new(),
                 height_m: None,
                 latency_s: 0.0,

@@ -43,6 +43,7 @@ fn spec(kinds: &[Kind], noise: f64, scale: f64) -> Spec {
         kind: *kind,
         sd: sd(*kind) * scale,
         path_loss: None,
+        drift: None,
         bias: if *kind == Kind::Range { BTreeMap::from([("a1".to_owned(), BIAS)]) } else { BTreeMap::new() },
         height_m: None,
         latency_s: 0.0,

@@ -81,7 +81,8 @@ impl Place {
     pub fn moved(self, setting: &Setting, step: f64, up: bool) -> Option<Setting> {
         let (now, [least, most]) = self.get(setting);
         // A noise of 0 has no larger multiple.
-        let next = if up { now.max(least) * step } else { now / step }.clamp(least, most);
+        let next = if up { now.max(least) * step } else { now / step };
+        let next = next.clamp(least, most);
         (next != now).then(|| self.set(setting, next))
     }
 
