@@ -135,7 +135,7 @@ fn without_a_list_what_suits_is_compared() {
     // 40 values for four components, of nearly four ranges at an instant.
     assert_eq!(
         names(&all),
-        ["ekf", "fms:window=11,lag=2", "fms:window=11,lag=2, smoothed", "fixed-lag-kalman:lag=2", "rts"]
+        ["ekf", "imm", "fms:window=11,lag=2", "fms:window=11,lag=2, smoothed", "fixed-lag-kalman:lag=2", "rts"]
     );
     let proposed = folder.run(&["compare", "m.csv", "--json", "--write-spec", "mine.toml"]).good();
     assert!(proposed.err.contains("no spec given"), "{proposed:?}");

@@ -41,6 +41,10 @@ impl Spec {
 
     fn parse_estimator(&self, text: &str, file: &Path) -> Result<EstimatorSpec, BuildError> {
         let (kind, options) = text.split_once(':').map_or((text, None), |(kind, options)| (kind, Some(options)));
+        if options.is_none() && kind.trim() == self.estimator.name() {
+            // Some have options that no compact form holds.
+            return Ok(self.estimator);
+        }
         let fail = |key: &str, what: String| BuildError::new(file, None, Some(&format!("estimator.{key}")), what);
         let mut entries = vec![("kind", kind.trim())];
         for option in options.into_iter().flat_map(|o| o.split(',')) {
@@ -158,6 +162,16 @@ mod tests {
             assert_eq!(made.estimator.compact(), expected);
             assert_eq!(made.with_estimator(expected, "--estimators").unwrap(), made);
         }
+    }
+
+    #[test]
+    fn modes_of_motion_come_from_the_spec_or_are_the_defaults() {
+        let mode = |noise: f64| format!("[[estimator.mode]]\nnoise = {noise:?}\nmean_s = 3.0\n");
+        let own = spec(&format!("{RANGES}[estimator]\nkind = \"imm\"\n{}{}", mode(0.1), mode(5.0)));
+        assert_eq!(own.with_estimator("imm", "--estimators").unwrap(), own);
+        let other = spec(RANGES).with_estimator("imm", "--estimators").unwrap();
+        assert_eq!(other.estimator.compact(), "imm");
+        assert_ne!(other.estimator, own.estimator);
     }
 
     #[test]

@@ -56,11 +56,18 @@ fn suitable(own: &Spec, table: &Table, measure: Measure<'_>) -> Vec<Spec> {
         }
         // Without truth a smoother has nothing to show but its filter, which is among the others.
         (_, Measure::Prediction) => {
-            vec!["kalman".into(), "ekf".into(), format!("fms:window={window}"), format!("ufir:window={window}")]
+            vec![
+                "kalman".into(),
+                "ekf".into(),
+                "imm".into(),
+                format!("fms:window={window}"),
+                format!("ufir:window={window}"),
+            ]
         }
         _ => vec![
             "kalman".into(),
             "ekf".into(),
+            "imm".into(),
             format!("fms:window={window},lag={lag}"),
             format!("ufir:window={window}"),
             format!("fixed-lag-kalman:lag={lag}"),
