@@ -1,15 +1,18 @@
-//! From the arguments to a spec and a table: what `track` and `check` share.
+//! From the arguments to a spec and a table: what `track`, `check` and `compare` share.
 
 use crate::failure::Failure;
+use crate::figures::{counted, grouped};
+use crate::output::say;
 use crate::progress::Progress;
 use clap::{Args, ValueEnum};
-use fixtrail_batch::{Format, Input, LinearShape, ReadOptions, Table, read_table};
+use fixtrail_batch::{Format, Input, LinearShape, ReadOptions, Table, read_table, read_truth};
 use fixtrail_track::error::BuildError;
 use fixtrail_track::packet::Kind;
 use fixtrail_track::registry::{self, BuildOptions};
 use fixtrail_track::spec::{self, ArrivalSpec, ModelSpec, Receiver, Spec};
 use fixtrail_track::survey::{Circumstances, Proposal, ProposeError, Survey, propose, survey};
 use fixtrail_track::trackers::LaggedMode;
+use fixtrail_track::truth::TargetTruth;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -87,6 +90,20 @@ impl SpecText {
         built.map(drop).map_err(|e| self.rename(e).into())
     }
 
+    /// The truth in the table at `path`, if trails of this spec can be compared with it.
+    ///
+    /// # Errors
+    /// [`Failure::Bad`] for a linear model, and for a table that cannot be understood.
+    pub fn truth(&self, path: &Path, table: &Table) -> Result<Vec<TargetTruth>, Failure> {
+        if registry::layout(&self.spec).is_linear() {
+            return Err(Failure::Bad(format!(
+                "{}: `model.kind` is \"linear\", `--truth` expects a model with positions",
+                self.name().display()
+            )));
+        }
+        Ok(read_truth(path, table)?)
+    }
+
     /// An error of the spec in the name of its file.
     pub fn rename(&self, mut error: BuildError) -> BuildError {
         if error.place.file == Path::new("spec") {
@@ -121,6 +138,57 @@ impl DataArguments {
     /// The input.
     pub fn input(&self) -> Input {
         if self.input.as_os_str() == "-" { Input::Stdin } else { Input::File(self.input.clone()) }
+    }
+
+    /// The input's name, for messages and titles.
+    pub fn input_name(&self) -> String {
+        self.input().name().display().to_string()
+    }
+
+    /// Says which spec is used when the user gave none.
+    pub fn announce(&self, spec: &SpecText) {
+        if spec.path.is_some() {
+            return;
+        }
+        match &self.write_spec {
+            Some(path) => {
+                say(format_args!("no spec given: using the one the data suggest, saved to {}", path.display()));
+            }
+            None => say("no spec given: using the one the data suggest (--write-spec FILE saves it)"),
+        }
+        spec.reasons.iter().for_each(|reason| say(format_args!("  {reason}")));
+    }
+
+    /// What was read, and what of it is not used, in a few lines.
+    pub fn reading(&self, table: &Table, unused: &BTreeMap<String, u64>) -> Vec<String> {
+        let counts = &table.counts;
+        let mut lines = Vec::new();
+        let mut read = format!(
+            "{}: {}, {}",
+            self.input.display(),
+            counted(counts.rows, "row"),
+            counted(table.targets.len() as u64, "target")
+        );
+        if counts.duplicates > 0 {
+            read += &format!(", {} dropped", counted(counts.duplicates, "duplicate"));
+        }
+        if counts.out_of_order > 0 {
+            read += &format!(", {} out of order", grouped(counts.out_of_order));
+        }
+        lines.push(read);
+        if counts.skipped_bad > 0 {
+            let first = counts.first_bad.as_deref().unwrap_or_default();
+            lines.push(format!("skipped {}, the first: {first}", counted(counts.skipped_bad, "bad row")));
+        }
+        if !unused.is_empty() {
+            let kinds: Vec<String> =
+                unused.iter().map(|(kind, n)| format!("{} of kind `{kind}`", counted(*n, "row"))).collect();
+            lines.push(format!("not used, no sensor for them: {}", kinds.join(", ")));
+        }
+        if !counts.ignored_columns.is_empty() {
+            lines.push(format!("columns not used: {}", counts.ignored_columns.join(", ")));
+        }
+        lines
     }
 
     /// Files that are read, for [`apart`](crate::whole::apart).

@@ -6,6 +6,7 @@ mod failure;
 mod figures;
 mod output;
 mod progress;
+mod runs;
 mod scores;
 mod tables;
 mod whole;
@@ -25,6 +26,7 @@ Examples:
   fixtrail demo                                     a first look, no data needed
   fixtrail check measurements.csv                   what is in the data, and what is wrong with it
   fixtrail track measurements.csv -o trail.csv      measurements in, trail out
+  fixtrail compare measurements.csv                 which estimator is best on them
   fixtrail tune measurements.csv -o tuned.toml      numbers of a spec from recordings
 
 Every command explains itself: fixtrail track --help"
@@ -37,6 +39,7 @@ struct Arguments {
 #[derive(Subcommand)]
 enum Command {
     Track(commands::track::Arguments),
+    Compare(commands::compare::Arguments),
     Check(commands::check::Arguments),
     Demo(commands::demo::Arguments),
     Tune(commands::tune::Arguments),
@@ -48,6 +51,7 @@ enum Command {
 fn main() -> ExitCode {
     let result = match Arguments::parse().command {
         Command::Track(arguments) => commands::track::run(&arguments),
+        Command::Compare(arguments) => commands::compare::run(&arguments),
         Command::Check(arguments) => commands::check::run(&arguments),
         Command::Demo(arguments) => commands::demo::run(&arguments),
         Command::Tune(arguments) => commands::tune::run(&arguments),

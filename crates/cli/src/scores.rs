@@ -143,7 +143,7 @@ pub fn json_row(row: &ScoreRow) -> Value {
     value
 }
 
-fn consistency(c: metrics::Consistency) -> &'static str {
+pub fn consistency(c: metrics::Consistency) -> &'static str {
     match c {
         metrics::Consistency::OverConfident => "over-confident",
         metrics::Consistency::Consistent => "consistent",

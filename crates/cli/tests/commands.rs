@@ -8,7 +8,7 @@ use common::{Folder, SPEC, walk_folder};
 fn help_of_every_command_has_an_example_and_succeeds() {
     let folder = Folder::new();
     assert!(folder.run(&["--help"]).good().out.contains("Example"));
-    for command in ["track", "check", "demo", "simulate", "verify", "list"] {
+    for command in ["track", "compare", "check", "demo", "simulate", "verify", "list"] {
         let ran = folder.run(&[command, "--help"]).good();
         assert!(ran.out.contains(&format!("fixtrail {command}")), "{command}: {}", ran.out);
         assert!(ran.out.contains("Example"), "{command}: {}", ran.out);
@@ -27,6 +27,8 @@ fn bad_usage_is_exit_code_2_with_a_message() {
         &["track", "m.csv", "-o", "t.csv", "--lagged", "maybe"],
         &["track", "m.csv", "-o", "t.csv", "--threads", "0"],
         &["track", "m.csv", "-o", "t.csv", "-c", "spec.toml", "--write-spec", "s.toml"],
+        &["compare"],
+        &["compare", "m.csv", "-c", "spec.toml", "--write-spec", "s.toml"],
         &["list", "wishes"],
         &["verify"],
         &["demo", "--seed", "-1"],

@@ -1,8 +1,8 @@
 //! The page around tables and charts.
 
-use crate::charts::{COLOURS, Detail, cdf, errors, nis, plan, series_class, states, timeline};
+use crate::charts::{COLOURS, Detail, cdf, errors, foretold, nis, plan, series_class, states, timeline};
 use crate::format::{count, shortened, target};
-use crate::{Page, link, tables};
+use crate::{Comparison, Page, comparison, link, tables};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 /// Targets whose charts over time are drawn.
@@ -13,6 +13,15 @@ const DETAILS: usize = 4;
 /// Light or dark as the reader's system wishes; static without scripts, with a cursor and switches where they run. Long series are
 /// thinned so that the file stays below about 3 MB (the captions say how).
 pub fn render(page: &Page<'_>) -> String {
+    document(page, None)
+}
+
+/// As [`render`], for estimators compared with one another: which is best, by how much, and how long each took.
+pub fn render_comparison(page: &Page<'_>, comparison: &Comparison<'_>) -> String {
+    document(page, Some(comparison))
+}
+
+fn document(page: &Page<'_>, compared: Option<&Comparison<'_>>) -> String {
     let shown = detailed_targets(page);
     let omitted = page.targets().len() - shown.len();
     let document = html! {
@@ -32,8 +41,14 @@ pub fn render(page: &Page<'_>) -> String {
                     p class="subtitle" { (page.subtitle) }
                 }
                 main {
-                    (tables::headline(page))
-                    (tables::estimators(page))
+                    @match compared {
+                        Some(c) if c.is_predictive() => (comparison::headline(page, c)),
+                        _ => (tables::headline(page)),
+                    }
+                    @match compared {
+                        Some(c) => (comparison::table(page, c)),
+                        None => (tables::estimators(page)),
+                    }
                     @if !page.notes.is_empty() {
                         section class="card notes" { @for note in page.notes { p { (note) } } }
                     }
@@ -45,7 +60,7 @@ pub fn render(page: &Page<'_>) -> String {
                     (tables::targets(page))
                     @for (i, id) in shown.iter().enumerate() {
                         @if page.targets().len() > 1 { h2 class="target" { "Target " (target(*id)) } }
-                        section class="charts" { (details(page, *id, i)) }
+                        section class="charts" { (details(page, compared, *id, i)) }
                     }
                     @if omitted > 0 {
                         p class="read" {
@@ -63,11 +78,11 @@ pub fn render(page: &Page<'_>) -> String {
     document.into_string()
 }
 
-fn details(page: &Page<'_>, id: Option<&str>, index: usize) -> Markup {
+fn details(page: &Page<'_>, compared: Option<&Comparison<'_>>, id: Option<&str>, index: usize) -> Markup {
     let detail = Detail::new(page, id, index);
     // The distribution is of all targets; it stands below the first one's errors.
     let first = index == 0;
-    let errors = errors::errors(&detail, first);
+    let errors = errors::errors(&detail, first).or_else(|| foretold::foretold(&detail, compared?, first));
     let mut half: Vec<Markup> = Vec::new();
     if first {
         half.extend(cdf::cdf(page));

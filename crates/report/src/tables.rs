@@ -99,7 +99,7 @@ pub fn targets(page: &Page<'_>) -> Markup {
             rows.push((rank, html! {
                 tr {
                     th { (target(id)) }
-                    @if page.series.len() > 1 { td class="text" { span class={ "swatch " (series_class(i)) } {} (s.name) } }
+                    @if page.series.len() > 1 { td class="text name" { span class={ "swatch " (series_class(i)) } {} (s.name) } }
                     @if scored {
                         @match score {
                             Some(t) => (score_cells(&t.row, None)),
@@ -119,7 +119,7 @@ pub fn targets(page: &Page<'_>) -> Markup {
             div class="scroll tall" { table class="sortable" {
                 thead { tr {
                     th { "target" }
-                    @if page.series.len() > 1 { th { "estimator" } }
+                    @if page.series.len() > 1 { th class="text" { "estimator" } }
                     @if scored { (score_heads()) } @else { (count_heads()) }
                 } }
                 tbody { @for (_, row) in &rows { (row) } }
@@ -133,14 +133,16 @@ pub fn targets(page: &Page<'_>) -> Markup {
     }
 }
 
-fn score_heads() -> Markup {
+/// Heads of [`score_cells`].
+pub fn score_heads() -> Markup {
     html! {
         th { "RMSE [m]" } th { "median [m]" } th { "90 % [m]" } th { "95 % [m]" } th { "max [m]" }
         th { "inside 95 %" } th { "NEES" } th { "NIS" } th { "verdict" }
     }
 }
 
-fn score_cells(row: &ScoreRow, bar_to: Option<f64>) -> Markup {
+/// The cells of one comparison with truth; a bar as long as its error over `bar_to`.
+pub fn score_cells(row: &ScoreRow, bar_to: Option<f64>) -> Markup {
     let e = row.errors;
     let metres = |f: fn(&fixtrail_sim::metrics::Errors) -> f64| e.as_ref().map_or("–".to_owned(), |e| number(f(e)));
     let (class, word) = badge(row.consistency);
@@ -180,7 +182,7 @@ fn badge(consistency: Consistency) -> (&'static str, &'static str) {
 }
 
 /// The verdict in words, and how much of the truth it rests on.
-fn verdict(index: usize, name: &str, row: &ScoreRow) -> Markup {
+pub fn verdict(index: usize, name: &str, row: &ScoreRow) -> Markup {
     let (class, word) = badge(row.consistency);
     let sentence = row.verdict.strip_prefix(word).unwrap_or(&row.verdict).trim_start_matches([':', ' ']);
     html! {
@@ -202,7 +204,8 @@ fn nis_cell(nis: Option<Nis>) -> Markup {
     } }
 }
 
-fn how_to_read_scores() -> Markup {
+/// What the columns mean.
+pub fn how_to_read_scores() -> Markup {
     html! { p class="read" {
         "Errors are distances to the truth at its instants. NEES and NIS are divided by their expected value, so 1 is right, more is \
          over-confident and less under-confident; below each stands its 95 % band if instants were independent. Errors at \
@@ -262,7 +265,8 @@ fn how_to_read_counts() -> Markup {
     } }
 }
 
-fn unmatched(series: &str, without_trail: &[Option<String>], without_truth: &[Option<String>]) -> Markup {
+/// Targets that only one of trail and truth has.
+pub fn unmatched(series: &str, without_trail: &[Option<String>], without_truth: &[Option<String>]) -> Markup {
     let names = |ids: &[Option<String>]| {
         let shown: Vec<&str> = ids.iter().take(5).map(|id| target(id.as_deref())).collect();
         let more = ids.len() - shown.len();

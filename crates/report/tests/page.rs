@@ -1,11 +1,12 @@
 //! A page holds its charts, is self-contained and survives what users call things.
 
-use fixtrail_report::{Page, Series, render};
-use fixtrail_sim::metrics::{Kind, Score, kinematic, score};
+use fixtrail_report::{Comparison, Entry, Page, Series, render, render_comparison};
+use fixtrail_sim::metrics::{Kind, Loss, Losses, Score, kinematic, score};
 use fixtrail_sim::scenario::{Demo, demo};
 use fixtrail_track::anchors::Anchors;
 use fixtrail_track::layout::Layout;
-use fixtrail_track::packet::{Content, Packet};
+use fixtrail_track::packet::{self, Content, Packet};
+use fixtrail_track::predictive::{self, Foretold};
 use fixtrail_track::target::{TargetPackets, TargetTrail};
 use fixtrail_track::truth::TargetTruth;
 
@@ -330,4 +331,77 @@ fn link_section_counts_what_is_not_zero_and_shows_theory() {
         html.contains("Theory, when 50 % of the packets arrive (by `link.arrival`), an instant every 0.1 s")
             && html.contains("<td>0.285</td>"),
     );
+}
+
+#[test]
+fn comparison_says_which_is_best_and_what_uses_later_data() {
+    let run = demo(1);
+    let layout = Layout::kinematic(2, 2, &[]);
+    let trails = [1, 2].map(|seed| [trail(&run.truth[0], &run.packets[0], 2, ERRS, seed)]);
+    let scores = trails.each_ref().map(|t| scored(t, &layout, &run.truth));
+    let series = [
+        Series { name: "ekf", trails: &trails[0], score: Some(&scores[0]) },
+        Series { name: "rts", trails: &trails[1], score: Some(&scores[1]) },
+    ];
+    let page = Page {
+        title: "A walk",
+        subtitle: "2 estimators",
+        notes: &[],
+        layout: &layout,
+        series: &series,
+        truth: &run.truth,
+        anchors: &run.anchors,
+        theory: None,
+        packets: &run.packets,
+    };
+    let entry = |note, best| Entry { note, best, us_per_instant: 12.5, foretold: None, losses: &[] };
+    let entries = [entry("", false), entry("uses later data", true)];
+    let sentences = ["best: rts, by far".to_owned()];
+    let html = render_comparison(&page, &Comparison { entries: &entries, sentences: &sentences });
+    assert_self_contained_and_finite(&html);
+    let rows: Vec<&str> = html.split("<tr>").collect();
+    let row = |name: &str| *rows.iter().find(|r| r.contains(&format!("</span>{name}"))).unwrap();
+    assert!(row("rts").contains(">best<") && row("rts").contains("uses later data") && row("rts").contains("12.5"));
+    assert!(!row("ekf").contains(">best<") && !row("ekf").contains("later"));
+    for text in ["Best: rts, by far.", "time [µs]", "RMSE [m]", "Error over time", "How large errors are", "Plan"] {
+        assert!(html.contains(text), "{text}");
+    }
+    assert!(!html.contains("Score over time"));
+}
+
+#[test]
+fn comparison_without_truth_draws_the_score_over_time() {
+    let run = demo(1);
+    let layout = Layout::kinematic(2, 2, &[]);
+    let trails = [trail(&run.truth[0], &run.packets[0], 2, ERRS, 1)];
+    let series =
+        [Series { name: "ekf", trails: &trails, score: None }, Series { name: "fms", trails: &trails, score: None }];
+    let page = Page {
+        title: "A walk",
+        subtitle: "2 estimators",
+        notes: &[],
+        layout: &layout,
+        series: &series,
+        truth: &[],
+        anchors: &run.anchors,
+        theory: None,
+        packets: &run.packets,
+    };
+    let mut foretold = predictive::Score::default();
+    let mut losses: Losses = vec![None];
+    for k in 1..100 {
+        let told = Foretold { k, t_s: None, kind: packet::Kind::Range, innovation: 0.25, var: 0.25 };
+        foretold.push(&told);
+        losses.push((k % 10 != 5).then(|| Loss { t: k as f64, sum: -told.log_density(), weight: 1.0 }));
+    }
+    let losses = [losses];
+    let entry = |best| Entry { note: "", best, us_per_instant: 1.0, foretold: Some(&foretold), losses: &losses };
+    let html = render_comparison(&page, &Comparison { entries: &[entry(true), entry(false)], sentences: &[] });
+    assert_self_contained_and_finite(&html);
+    for text in ["Score over time", "RMS range [m]", "median range [m]", "ν²/S", "score [1]", "not foretold"] {
+        assert!(html.contains(text), "{text}");
+    }
+    // By hand: 0.95 φ(½)/½ + 0.05/(5π (1 + 1/400)) = 0.66892 + 0.00318, and its logarithm.
+    assert!(html.contains("-0.397"), "the score");
+    assert!(!html.contains("Error over time") && !html.contains("How large errors are"));
 }

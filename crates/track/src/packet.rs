@@ -102,6 +102,16 @@ impl Kind {
         Self::NAMES.iter().find(|(n, _)| *n == name).map(|(_, k)| *k)
     }
 
+    /// The unit of its values; none of a linear run's.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Kind::Position | Kind::Range | Kind::Tdoa => "m",
+            Kind::Rssi => "dB",
+            Kind::Bearing => "rad",
+            Kind::Linear => "",
+        }
+    }
+
     /// The name that files use.
     pub fn name(self) -> &'static str {
         Self::NAMES.iter().find(|(_, k)| *k == self).map_or("", |(n, _)| n)

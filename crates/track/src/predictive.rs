@@ -8,16 +8,18 @@
 //! ν  = z − h(x⁻)       S  = hᵀP⁻h + r
 //! ```
 //!
-//! The score is the mean over all scalars of the logarithm of a contaminated normal density \[TUK60\],
+//! The score is the mean over all scalars of the logarithm of a contaminated normal density, after \[TUK60\], its outliers spread like a
+//! Cauchy distribution C:
 //!
 //! ```text
-//! p(ν) = 0.95 N(ν; 0, S) + 0.05 N(ν; 0, 100 S).
+//! p(ν) = 0.95 N(ν; 0, S) + 0.05 C(ν; 0, 10 √S),   C(ν; 0, g) = 1 / (π g (1 + ν²/g²)).
 //! ```
 //!
-//! Under the normal density alone a scalar 50 standard deviations off costs 1250 and decides the mean of thousands: an estimator that makes
-//! room for one outlier would win over one that foretells all the rest better. Under the mixture it costs 18, and innovations of ordinary
-//! size count as they would without it. A larger score is better, and mean *and* covariance must be right for a large one, unlike for small
-//! innovations, which say nothing of the covariance, and for a small `ν²/S`, which any covariance large enough gives.
+//! Under the normal density alone a scalar 50 standard deviations off costs 1251 and decides the mean of thousands: an estimator that makes
+//! room for one outlier would win over one that foretells all the rest better. Here it costs 10, and one a million standard deviations off,
+//! as when two ships share a number, 29: outliers spread like another normal density of 100 S would cost 5e9 there. Innovations of ordinary
+//! size count as they would without outliers. A larger score is better, and mean *and* covariance must be right for a large one, unlike for
+//! small innovations, which say nothing of the covariance, and for a small `ν²/S`, which any covariance large enough gives.
 //!
 //! Scalars are judged one by one, not jointly: the density of several would need an update by all but the last, which an outlier among them
 //! would spoil, and their order would matter. Hence they are taken with their own variance `r`, in their own unit; that they may share noise
@@ -41,8 +43,8 @@ use std::convert::Infallible;
 
 /// Share of scalars that the density takes for outliers.
 const CONTAMINATION: f64 = 0.05;
-/// Variance of an outlier, in that of a good scalar.
-const INFLATION: f64 = 100.0;
+/// How far half of the outliers are off, in standard deviations of a good scalar.
+const SPREAD: f64 = 10.0;
 
 /// One scalar and what the trail foretold of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -71,13 +73,14 @@ impl Foretold {
     }
 }
 
-/// `ln(0.95 N(ν; 0, S) + 0.05 N(ν; 0, 100 S))`, with the wider density taken out of the sum so that it never vanishes.
+/// `ln(0.95 N(ν; 0, S) + 0.05 C(ν; 0, 10 √S))`, the larger part taken out of the sum so that it never vanishes.
 fn log_density(innovation: f64, var: f64) -> f64 {
+    use std::f64::consts::{PI, TAU};
     let fit = innovation * innovation / var;
-    let wide = -0.5 * fit / INFLATION;
-    let good = (1.0 - CONTAMINATION) * (-0.5 * fit - wide).exp();
-    let sum = good + CONTAMINATION / INFLATION.sqrt();
-    let log = wide + sum.ln() - 0.5 * (std::f64::consts::TAU * var).ln();
+    let good = (1.0 - CONTAMINATION).ln() - 0.5 * (fit + TAU.ln());
+    let outlier = (CONTAMINATION / (PI * SPREAD)).ln() - (fit / (SPREAD * SPREAD)).ln_1p();
+    let (more, less) = if good > outlier { (good, outlier) } else { (outlier, good) };
+    let log = more + (less - more).exp().ln_1p() - 0.5 * var.ln();
     if log.is_nan() { f64::NEG_INFINITY } else { log }
 }
 
@@ -353,14 +356,20 @@ mod tests {
 
     #[test]
     fn the_density_is_the_mixture_and_outliers_cost_little() {
-        for (v, var) in [(0.0, 1.0), (0.3, 0.02), (-4.0, 2.0), (9.0, 1.0)] {
-            let direct = (0.95 * normal(v, var) + 0.05 * normal(v, 100.0 * var)).ln();
+        let cauchy = |v: f64, g: f64| 1.0 / (std::f64::consts::PI * g * (1.0 + v * v / (g * g)));
+        for (v, var) in [(0.0, 1.0), (0.3, 0.02), (-4.0, 2.0), (9.0, 1.0), (1e3, 4.0)] {
+            let direct = (0.95 * normal(v, var) + 0.05 * cauchy(v, 10.0 * f64::sqrt(var))).ln();
             // A few roundings of numbers of size 10.
             assert!((log_density(v, var) - direct).abs() < 1e-13, "{v} {var}");
         }
-        // Both densities are 0 in double precision here.
-        let far = log_density(1e4, 1.0);
-        assert!((far - (-5e5 + 0.005_f64.ln() - 0.5 * std::f64::consts::TAU.ln())).abs() < 1e-8, "{far}");
+        // The numbers above: 50 and a million standard deviations off.
+        assert_eq!([50.0, 1e6].map(|v| log_density(v, 1.0).round()), [-10.0, -29.0]);
+        // It is a density: the midpoint rule over φ with ν = 10 √S tan φ, whose integrand is smooth and periodic.
+        let integrand = |phi: f64| log_density(20.0 * phi.tan(), 4.0).exp() * 20.0 / phi.cos().powi(2);
+        let n = 20_000;
+        let at = |i: usize| -std::f64::consts::FRAC_PI_2 + (i as f64 + 0.5) / n as f64 * std::f64::consts::PI;
+        let total: f64 = (0..n).map(|i| integrand(at(i))).sum::<f64>() * std::f64::consts::PI / n as f64;
+        assert!((total - 1.0).abs() < 1e-9, "{total}");
         assert_eq!(log_density(f64::NAN, 1.0), f64::NEG_INFINITY);
     }
 

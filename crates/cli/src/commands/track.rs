@@ -7,14 +7,12 @@ use crate::data::{Data, DataArguments, SpecText, Wanted};
 use crate::failure::Failure;
 use crate::output::{Results, say};
 use crate::progress::Progress;
+use crate::runs::{self, Tracked};
 use crate::{scores, whole};
 use clap::{Args, ValueEnum};
-use fixtrail_batch::{
-    Input, Order, OutFormat, Output, Table, WriteError, WriteOptions, read_truth, run_tracks, write_trails,
-};
+use fixtrail_batch::{Order, OutFormat, Output, Table, WriteError, WriteOptions, write_trails};
 use fixtrail_report::{Page, Series, render};
 use fixtrail_sim::metrics::Score;
-use fixtrail_track::pipeline::{TrackError, track};
 use fixtrail_track::registry;
 use fixtrail_track::survey::{self, Survey};
 use fixtrail_track::target::TargetTrail;
@@ -23,7 +21,6 @@ use fixtrail_track::trackers::LaggedMode;
 use fixtrail_track::truth::TargetTruth;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::time::Instant;
 use summary::Summary;
 
 /// Turn measurements into trails with honest uncertainty
@@ -136,10 +133,10 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     check_mode(&spec, arguments.lagged)?;
     spec.try_build(&table, arguments.mode())?;
     let truth = match &arguments.truth {
-        Some(path) => comparable_truth(path, &table, &spec)?,
+        Some(path) => spec.truth(path, &table)?,
         None => Vec::new(),
     };
-    announce(arguments, &spec);
+    arguments.data.announce(&spec);
     let outcome = track_all(arguments, &table, &spec, truth)?;
 
     let options = WriteOptions {
@@ -188,29 +185,6 @@ fn check_mode(spec: &SpecText, lagged: Option<Lagged>) -> Result<(), Failure> {
     )))
 }
 
-/// The truth, if trails of this spec can be compared with it.
-fn comparable_truth(path: &Path, table: &Table, spec: &SpecText) -> Result<Vec<TargetTruth>, Failure> {
-    if registry::layout(&spec.spec).is_linear() {
-        return Err(Failure::Bad(format!(
-            "{}: `model.kind` is \"linear\", `--truth` expects a model with positions",
-            spec.name().display()
-        )));
-    }
-    Ok(read_truth(path, table)?)
-}
-
-/// Says which spec is used when the user gave none.
-fn announce(arguments: &Arguments, spec: &SpecText) {
-    if spec.path.is_some() {
-        return;
-    }
-    match &arguments.data.write_spec {
-        Some(path) => say(format_args!("no spec given: using the one the data suggest, saved to {}", path.display())),
-        None => say("no spec given: using the one the data suggest (--write-spec FILE saves it)"),
-    }
-    spec.reasons.iter().for_each(|reason| say(format_args!("  {reason}")));
-}
-
 fn track_all(
     arguments: &Arguments,
     table: &Table,
@@ -218,15 +192,9 @@ fn track_all(
     truth: Vec<TargetTruth>,
 ) -> Result<Outcome, Failure> {
     let mode = arguments.mode();
-    let started = Instant::now();
     let bar = Progress::packets(table.targets.iter().map(|t| t.packets.len() as u64).sum());
-    let one = |target: &_| track(&spec.spec, &table.anchors, target, mode);
-    let trails = run_tracks(table, one, &|n| bar.add(n)).map_err(|e| match e {
-        TrackError::Build(e) => Failure::from(spec.rename(e)),
-        step => Failure::Run(format!("{}: {step}", input_name(&arguments.data.input()))),
-    })?;
+    let Tracked { trails, seconds } = runs::tracks(&arguments.data.input_name(), table, spec, mode, &bar)?;
     drop(bar);
-    let seconds = started.elapsed().as_secs_f64();
 
     let judge = |kind, trails: &[TargetTrail]| match truth.is_empty() {
         true => Ok(None),
@@ -275,7 +243,7 @@ fn page(
     if let Some((trails, score)) = &outcome.smoother {
         series.push(Series { name: &smoother_name, trails, score: score.as_ref() });
     }
-    let input = input_name(&arguments.data.input());
+    let input = arguments.data.input_name();
     let subtitle = match &spec.path {
         Some(path) => format!("{name}, by the spec {}", path.display()),
         None => format!("{name}, by the spec that the data suggest"),
@@ -291,10 +259,6 @@ fn page(
         theory,
         packets: &table.targets,
     })
-}
-
-fn input_name(input: &Input) -> String {
-    input.name().display().to_string()
 }
 
 /// A trail that could not be written.

@@ -7,8 +7,7 @@ use crate::output::{Results, say};
 use crate::progress::Progress;
 use crate::whole;
 use clap::Args;
-use fixtrail_batch::{Table, read_truth};
-use fixtrail_track::registry;
+use fixtrail_batch::Table;
 use fixtrail_track::spec;
 use fixtrail_tune::{Merit, Options, Recording, Tuned, tune, write};
 use serde_json::json;
@@ -137,12 +136,11 @@ fn load(arguments: &Arguments) -> Result<(SpecText, Vec<Recording>), Failure> {
         let spec = loaded.spec.map_err(|why| data.no_spec(&why))?;
         spec.try_build(&loaded.table, fixtrail_track::trackers::LaggedMode::Own)?;
         let truth = arguments.truth.get(if arguments.truth.len() == 1 { 0 } else { i });
-        if truth.is_some() && registry::layout(&spec.spec).is_linear() {
-            let what = "`model.kind` is \"linear\", `--truth` expects a model with positions";
-            return Err(Failure::Bad(format!("{}: {what}", spec.name().display())));
+        let truth = truth.map(|path| spec.truth(path, &loaded.table)).transpose()?.unwrap_or_default();
+        if base.is_none() {
+            data.announce(&spec);
         }
         let base = base.get_or_insert(spec);
-        let truth = truth.map(|path| read_truth(path, &loaded.table)).transpose()?.unwrap_or_default();
         recordings.push(recording(input, loaded.table, truth, base, arguments.first));
     }
     let base = base.ok_or_else(|| Failure::Bad("no input".to_owned()))?;

@@ -2,6 +2,7 @@
 
 pub mod cdf;
 pub mod errors;
+pub mod foretold;
 pub mod nis;
 pub mod plan;
 pub mod states;

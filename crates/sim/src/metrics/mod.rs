@@ -5,11 +5,13 @@
 
 mod at_truth;
 mod nis;
+mod ranking;
 mod row;
 mod stats;
 
 pub use at_truth::{Instant, Kind, Position, Predict, at_truth, gauss_markov, kinematic};
 pub use nis::{Nis, nis};
+pub use ranking::{Difference, Loss, Losses, Ranking, rank};
 pub use row::{Consistency, Errors, ScoreRow};
 pub use stats::{chi_square_quantile, mean_band95, student_quantile};
 

@@ -3,6 +3,7 @@
 //! [`parse()`] turns TOML text into a [`Spec`] in which every shape agrees, every covariance is positive semidefinite and
 //! every number is finite; [`registry`](crate::registry) builds trackers from it without further checks of form.
 
+mod compact;
 mod estimator;
 mod linear;
 mod link;
@@ -18,6 +19,7 @@ mod value;
 #[cfg(test)]
 mod tests;
 
+pub use compact::split_estimators;
 pub use estimator::MAX_WINDOW;
 pub use matrix::{MAX_INPUT, MAX_MEASUREMENT, MAX_STATE};
 pub use names::{CHANNELS, ESTIMATORS, LINKS, MODELS, Named, SCHEDULERS, SENSORS};

@@ -63,6 +63,18 @@ impl Node {
         Node { line: Some(line), value: Value::Table(entries.collect()) }
     }
 
+    /// A document with one table, of words that stand in no file: each a number, `true`, `false`, or else a text.
+    pub(super) fn of_words(table: &str, words: &[(&str, &str)]) -> Node {
+        let word = |text: &str| match text.parse::<f64>() {
+            Ok(v) => Value::Number(v, text.to_owned()),
+            Err(_) if text == "true" || text == "false" => Value::Word(text.to_owned()),
+            Err(_) => Value::Text(text.to_owned()),
+        };
+        let entry = |key: &str, value: Value| Entry { key: key.to_owned(), line: 0, node: Node { line: None, value } };
+        let entries = words.iter().map(|(key, text)| entry(key, word(text))).collect();
+        Node { line: None, value: Value::Table(vec![entry(table, Value::Table(entries))]) }
+    }
+
     /// This value as the root of `file`; keys inside are dotted from `key`, which may be empty.
     pub(super) fn field<'a>(&'a self, file: &'a Path, key: &str) -> Field<'a> {
         Field { file, key: key.to_owned(), node: self }

@@ -29,16 +29,6 @@ pub(crate) fn short(value: f64) -> String {
     }
 }
 
-/// The unit of a kind's value.
-pub(super) fn unit(kind: Kind) -> &'static str {
-    match kind {
-        Kind::Position | Kind::Range | Kind::Tdoa => "m",
-        Kind::Rssi => "dB",
-        Kind::Bearing => "rad",
-        Kind::Linear => "",
-    }
-}
-
 /// All findings, the worst first.
 pub(super) fn findings(survey: &Survey) -> Vec<Finding> {
     let mut list = Vec::new();
@@ -197,7 +187,7 @@ fn anchors(survey: &Survey, list: &mut Vec<Finding>) {
 }
 
 fn values(kind: &KindSurvey, survey: &Survey, list: &mut Vec<Finding>) {
-    let unit = unit(kind.kind);
+    let unit = kind.kind.unit();
     if let Some(worst) = &kind.worst_outlier {
         let share = 100.0 * kind.outliers as f64 / kind.rows as f64;
         let anchor =

@@ -48,33 +48,7 @@ impl Summary<'_> {
 
     /// A few lines for standard error.
     pub fn text(&self) -> String {
-        let counts = &self.table.counts;
-        let mut lines = Vec::new();
-        let mut read = format!(
-            "{}: {}, {}",
-            self.arguments.data.input.display(),
-            counted(counts.rows, "row"),
-            counted(self.table.targets.len() as u64, "target")
-        );
-        if counts.duplicates > 0 {
-            read += &format!(", {} dropped", counted(counts.duplicates, "duplicate"));
-        }
-        if counts.out_of_order > 0 {
-            read += &format!(", {} out of order", grouped(counts.out_of_order));
-        }
-        lines.push(read);
-        if counts.skipped_bad > 0 {
-            let first = counts.first_bad.as_deref().unwrap_or_default();
-            lines.push(format!("skipped {}, the first: {first}", counted(counts.skipped_bad, "bad row")));
-        }
-        if !self.unused.is_empty() {
-            let kinds: Vec<String> =
-                self.unused.iter().map(|(kind, n)| format!("{} of kind `{kind}`", counted(*n, "row"))).collect();
-            lines.push(format!("not used, no sensor for them: {}", kinds.join(", ")));
-        }
-        if !counts.ignored_columns.is_empty() {
-            lines.push(format!("columns not used: {}", counts.ignored_columns.join(", ")));
-        }
+        let mut lines = self.arguments.data.reading(self.table, self.unused);
         lines.extend(self.link().text());
         // Findings that spoil the trail; `check` tells the rest.
         for finding in self.survey.iter().flat_map(|s| &s.findings).filter(|f| f.severity == Severity::Problem) {
