@@ -1,10 +1,9 @@
 //! The numbers of a spec from recordings: calibration of the sensors, search for what describes noise and motion, and the tuned spec as
 //! commented text.
 //!
-//! With truth the merit of a spec is the mean logarithm of the density that the causal trail claims for the true positions, so both the
-//! error and the claimed covariance count; without truth it is that of the next measurements
-//! ([`predictive`](fixtrail_track::predictive)). Both take the density as a contaminated normal one, so that a moment of confusion does not
-//! decide.
+//! With truth the merit of a spec is half the mean logarithm of the density that the causal trail claims for the true positions, so that the
+//! claimed covariance counts, and half the plain error; without truth it is the density of the next measurements
+//! ([`predictive`](fixtrail_track::predictive)). Both densities forgive a moment of confusion.
 
 mod calibrate;
 mod knobs;

@@ -36,11 +36,15 @@ const AHEAD_S: f64 = 2.0;
 /// Weight of the score without fixes for [`AHEAD_S`].
 const AHEAD: f64 = 0.3;
 
+/// Weight of the plain error: that of `−2 ln RMSE`, the mean log density, but for a constant, of a claim of one covariance for all instants.
+/// The contaminated density forgives the rare large error that decides an RMSE.
+const PLAIN: f64 = 0.5;
+
 /// How good a spec is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Merit {
-    /// Mean log density: of the true positions, three parts in ten of them foretold from fixes up to [`AHEAD_S`] old, or of the next
-    /// measurements; the larger the better. −∞ for a spec that cannot be run.
+    /// With truth half the mean log density of the true positions, three parts in ten of them foretold from fixes up to [`AHEAD_S`] old, and
+    /// half `−2 ln RMSE`; without truth the mean log density of the next measurements. The larger the better. −∞ for a spec that cannot be run.
     pub score: f64,
     /// Root mean square distance from the truth, metres, where there is truth.
     pub rmse_m: Option<f64>,
@@ -257,7 +261,8 @@ fn of_truth(spec: &Spec, target: &TargetPackets, trail: TargetTrail, truth: &Tar
         }
     }
     if count > 0.0 {
-        sum.score /= count;
+        let rmse_m = if sum.instants > 0.0 { (sum.squared_m2 / sum.instants).sqrt() } else { IGNORANCE_M };
+        sum.score = (1.0 - PLAIN) * sum.score / count - PLAIN * 2.0 * rmse_m.max(f64::MIN_POSITIVE).ln();
         sum.weight = 1.0;
     }
     Some(sum)

@@ -79,7 +79,7 @@ fn states_with_drift(spec: &Spec, recordings: &[Recording]) -> usize {
 /// Stationary motion about the middle of the box of anchors and known positions, as wide as a uniform distribution over it.
 fn resident(spec: &Spec, recordings: &[Recording]) -> Option<GaussMarkovSpec> {
     let ModelSpec::Kinematic(model) = &spec.model else { return None };
-    if model.order != 2 || model.prior.is_some() {
+    if model.order != 2 {
         return None;
     }
     let axes = model.axes;
@@ -122,6 +122,6 @@ fn resident(spec: &Spec, recordings: &[Recording]) -> Option<GaussMarkovSpec> {
         centre_m: bounds[..axes].iter().map(|[least, most]| 0.5 * (least + most)).collect(),
         spread_m: spread,
         speed_mps: vec![speed; axes],
-        prior: None,
+        prior: model.prior.clone(),
     })
 }

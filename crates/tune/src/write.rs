@@ -49,10 +49,14 @@ pub fn write(text: &str, tuned: &Tuned, from: &str) -> Result<String, String> {
 
 fn header(tuned: &Tuned, from: &str) -> String {
     let mut out = format!("# Tuned on {from} ({} runs).\n", tuned.runs);
-    let what = if tuned.with_truth { "true positions" } else { "next measurements" };
+    let what = if tuned.with_truth {
+        "half the mean log density of the true positions, half of it −2 ln RMSE"
+    } else {
+        "mean log density of the next measurements"
+    };
     let _ = writeln!(
         out,
-        "# Mean log density of the {what}: {:.3} before, {:.3} now; losses below are in its unit.",
+        "# Score, {what}: {:.3} before, {:.3} now; losses below are in its unit.",
         tuned.before.score, tuned.after.score
     );
     if let (Some(before), Some(after)) = (tuned.before.rmse_m, tuned.after.rmse_m) {

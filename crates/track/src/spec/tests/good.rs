@@ -363,9 +363,39 @@ fn modes_take_the_place_of_the_noise_of_the_model() {
 }
 
 #[test]
+fn stationary_motion_has_a_place_and_a_speed() {
+    let spec = good(
+        "[model]\nkind = \"gauss-markov\"\naxes = 3\ncentre_m = [1, 2, 3]\nspread_m = 4\nspeed_mps = [0.5, 0.5, 0.1]\n[sensor]\n\
+         kind = \"position\"\nsd = 1",
+    );
+    let expected = GaussMarkovSpec {
+        axes: 3,
+        centre_m: vec![1.0, 2.0, 3.0],
+        spread_m: vec![4.0; 3],
+        speed_mps: vec![0.5, 0.5, 0.1],
+        prior: None,
+    };
+    assert_eq!(spec.model, ModelSpec::GaussMarkov(expected));
+    assert_eq!(spec.estimator, EstimatorSpec::Kalman);
+}
+
+#[test]
+fn errors_that_last_have_a_size_and_a_time() {
+    for kind in ["range", "rssi\"\npath_loss = { exponent = 2, at_1m_dbm = -40 }\nrobust = \"none"] {
+        let spec = good(&format!(
+            "[model]\nkind = \"constant-velocity\"\nnoise = 1\n[sensor]\nkind = \"{kind}\"\nsd = 1\ndrift = {{ sd = 0.3, time_s = 30 }}"
+        ));
+        assert_eq!(spec.sensors[0].drift, Some(DriftSpec { sd: 0.3, time_s: 30.0 }));
+    }
+}
+
+#[test]
 fn every_listed_name_parses() {
     let model = |kind: &str| match kind {
         "linear" => LINEAR.to_owned(),
+        "gauss-markov" => {
+            CV.replace("constant-velocity", kind).replace("noise = 0.5", "centre_m = 0\nspread_m = 5\nspeed_mps = 1")
+        }
         "fms-paper" => "[model]\nkind = \"fms-paper\"\n".to_owned(),
         "coordinated-turn" => {
             CV.replace("constant-velocity", kind).replace("noise = 0.5", "noise = 0.5\nturn_noise = 0.5")
