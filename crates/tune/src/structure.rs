@@ -3,7 +3,7 @@
 use crate::knobs::Setting;
 use crate::merit::Recording;
 use fixtrail_track::packet::Kind;
-use fixtrail_track::spec::{DriftSpec, GaussMarkovSpec, MAX_STATE, ModelSpec, Robust, Spec};
+use fixtrail_track::spec::{DriftSpec, GaussMarkovSpec, MAX_STATE, ModelSpec, Prior, Robust, Spec};
 
 /// One change of structure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,6 +76,9 @@ fn states_with_drift(spec: &Spec, recordings: &[Recording]) -> usize {
     fixtrail_track::registry::layout(spec).n() + drifting * anchors
 }
 
+/// Share of the place from which on a prior of the start says nothing that the place does not.
+const VAGUE: f64 = 0.5;
+
 /// Stationary motion about the middle of the box of anchors and known positions, as wide as a uniform distribution over it.
 fn resident(spec: &Spec, recordings: &[Recording]) -> Option<GaussMarkovSpec> {
     let ModelSpec::Kinematic(model) = &spec.model else { return None };
@@ -117,11 +120,14 @@ fn resident(spec: &Spec, recordings: &[Recording]) -> Option<GaussMarkovSpec> {
     let mean_square = speeds.iter().sum::<f64>() / speeds.len().max(1) as f64;
     let speed = if mean_square > 0.0 { (0.5 * mean_square).sqrt() } else { 0.5 };
     let speed = speed.clamp(1e-3 * widest, widest).max(1e-6);
+    // A start that says no more than the place is better looked for in the data.
+    let vague = |p: &Prior| (0..axes).all(|i| p.cov.at(i, i).sqrt() >= VAGUE * spread[i]);
+    let prior = model.prior.clone().filter(|p| !vague(p));
     Some(GaussMarkovSpec {
         axes,
         centre_m: bounds[..axes].iter().map(|[least, most]| 0.5 * (least + most)).collect(),
         spread_m: spread,
         speed_mps: vec![speed; axes],
-        prior: model.prior.clone(),
+        prior,
     })
 }

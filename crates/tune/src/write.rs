@@ -27,6 +27,11 @@ pub fn write(text: &str, tuned: &Tuned, from: &str) -> Result<String, String> {
             }
             ModelSpec::GaussMarkov(m) => {
                 model.remove("noise");
+                if m.prior.is_none() {
+                    for key in ["x0", "P0", "S0"] {
+                        model.remove(key);
+                    }
+                }
                 set(model, "kind", "gauss-markov".into(), "stationary: the target lives about the centre");
                 set(model, "centre_m", list(&m.centre_m), "the middle of anchors and known positions");
                 set(model, "spread_m", numbers(&m.spread_m), "as wide as a uniform distribution over them");
