@@ -129,7 +129,7 @@ fn truth_gives_biases_height_latency_and_noise_back() {
     assert!(after < 0.5 * before && after < 0.2, "{before} {after}");
     // The score is flat around the best: half and double cost a few hundredths.
     assert!((0.5 * SD..2.0 * SD).contains(&sensor.sd), "{}", sensor.sd);
-    assert!((0.1 * PSD..10.0 * PSD).contains(&noise(&tuned.spec)), "{}", noise(&tuned.spec));
+    assert!((PSD..30.0 * PSD).contains(&noise(&tuned.spec)), "{}", noise(&tuned.spec));
     let (scale, honesty) = tuned.honesty.unwrap();
     assert!((0.7..1.6).contains(&scale) && honesty.independent > 20.0, "{scale} {honesty:?}");
 }
@@ -145,7 +145,8 @@ fn foretold_measurements_give_the_noise_back() {
     assert!(!tuned.with_truth && tuned.after.score > tuned.before.score + 0.5);
     // 6000 ranges fix their noise to 1 %, the steps of the search to 10 %.
     assert!((tuned.spec.sensors[0].sd / SD - 1.0).abs() < 0.1, "{}", tuned.spec.sensors[0].sd);
-    assert!((0.3 * PSD..3.0 * PSD).contains(&noise(&tuned.spec)), "{}", noise(&tuned.spec));
+    // Walls turn a velocity of metres per second round at once: more noise than between them.
+    assert!((PSD..30.0 * PSD).contains(&noise(&tuned.spec)), "{}", noise(&tuned.spec));
     let innovation = tuned.after.innovation.unwrap();
     assert!((innovation - 1.0).abs() < 0.1, "{innovation}");
 }
@@ -158,7 +159,7 @@ fn outliers_and_lasting_errors_change_the_structure() {
         let lasting = 0.4 * (distance / 3.0 + anchor as f64).sin();
         Content::Range { anchor: anchor as u32, value_m: distance + lasting + outlier + 0.05 * chance.normal() }
     };
-    let recordings = [recording(4, 100, 0.0, drifting)];
+    let recordings = [recording(4, 40, 0.0, drifting)];
     let tuned = tune(&parsed(WRONG), &recordings, &Options::default(), &|_| {}).unwrap();
     let taken = |change: Change| tuned.structures.iter().any(|t| t.change == change && t.taken);
     assert!(taken(Change::Redescending) && taken(Change::Drift(0)), "{:?}", tuned.structures);

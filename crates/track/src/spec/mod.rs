@@ -65,7 +65,6 @@ impl Spec {
 
 /// `[model]`.
 #[derive(Clone, Debug, PartialEq)]
-#[expect(clippy::large_enum_variant, reason = "there is one per run")]
 pub enum ModelSpec {
     /// `random-walk`, `constant-velocity`, `constant-acceleration`.
     Kinematic(KinematicSpec),

@@ -1,0 +1,84 @@
+//! `fixtrail tune` from end to end.
+
+mod common;
+
+use common::{Folder, walk_folder};
+
+/// The walk with its truth.
+fn with_truth() -> Folder {
+    let folder = walk_folder();
+    let truth: String = (10..115)
+        .flat_map(|i| [("T1", 0.0), ("T2", 1.5)].map(|(tag, phase)| (0.2 * f64::from(i), tag, phase)))
+        .map(|(t, tag, phase)| {
+            let angle: f64 = 0.4 * t + phase;
+            format!("{t},{tag},{},{}\n", 4.0 + 2.0 * angle.cos(), 3.0 + 2.0 * angle.sin())
+        })
+        .collect();
+    folder.write("truth.csv", format!("t,target,x,y\n{truth}"));
+    folder
+}
+
+#[test]
+fn tuned_specs_track_and_say_where_their_numbers_come_from() {
+    let folder = with_truth();
+    let json = folder
+        .run(&["tune", "-c", "spec.toml", "m.csv", "--truth", "truth.csv", "-o", "tuned.toml", "--json"])
+        .good()
+        .json();
+    assert_eq!(json["with_truth"], true);
+    assert!(json["after"]["score"].as_f64() >= json["before"]["score"].as_f64(), "{json}");
+    let text = folder.text("tuned.toml");
+    assert!(text.starts_with("# Tuned on m.csv, with truth ("), "{text}");
+    assert!(text.contains("# half loses ") && text.contains("residuals at known positions"), "{text}");
+    let tracked = |spec: &str| {
+        let json =
+            folder.run(&["track", "-c", spec, "m.csv", "--truth", "truth.csv", "-o", "t.csv", "--json"]).good().json();
+        json["truth"]["overall"]["rmse_m"].as_f64().expect("a number")
+    };
+    // Scored where it was tuned: it must at least not be worse.
+    assert!(tracked("tuned.toml") <= 1.02 * tracked("spec.toml"));
+    // Bytes do not depend on the threads.
+    folder
+        .run(&["tune", "-c", "spec.toml", "m.csv", "--truth", "truth.csv", "-o", "again.toml", "--threads", "1"])
+        .good();
+    assert_eq!(folder.text("again.toml"), text);
+}
+
+#[test]
+fn without_truth_or_spec_the_next_measurements_decide() {
+    let folder = with_truth();
+    let said = folder.run(&["tune", "m.csv", "-o", "tuned.toml", "--first", "0.5", "--keep-structure"]).good();
+    assert!(said.err.contains("no spec given") && said.err.contains("tuned in "), "{}", said.err);
+    let text = folder.text("tuned.toml");
+    assert!(text.starts_with("# Tuned on m.csv, the first 0.500 of each, without truth ("), "{text}");
+    folder.run(&["track", "-c", "tuned.toml", "m.csv", "-o", "t.csv"]).good();
+}
+
+#[test]
+fn what_cannot_be_tuned_is_one_sentence() {
+    let folder = with_truth();
+    folder
+        .write("empty.csv", "t,target,anchor,value\n")
+        .write("linear.toml", "[model]\nkind = \"linear\"\nA = [[1.0]]\nC = [[1.0]]\nQ = [[1.0]]\nR = [[1.0]]\n");
+    folder.write("z.csv", "k,z1\n0,1\n1,2\n2,1\n");
+    for (arguments, says) in [
+        (
+            &["tune", "m.csv", "m.csv", "m.csv", "--truth", "truth.csv", "--truth", "truth.csv", "-o", "x.toml"][..],
+            "2 times for 3 inputs",
+        ),
+        (&["tune", "-c", "spec.toml", "m.csv", "-o", "spec.toml"], "spec.toml"),
+        (&["tune", "-", "-o", "x.toml"], "standard input"),
+        (&["tune", "-c", "spec.toml", "empty.csv", "-o", "x.toml"], "no rows"),
+        (&["tune", "-c", "linear.toml", "z.csv", "-o", "x.toml"], "no number to tune"),
+        (&["tune", "-c", "linear.toml", "z.csv", "--truth", "truth.csv", "-o", "x.toml"], "a model with positions"),
+        (&["tune", "m.csv", "--first", "0", "-o", "x.toml"], "0.01 to 1"),
+        (&["tune", "m.csv", "-o", "nowhere/x.toml"], "nowhere"),
+        (&["tune", "missing.csv", "-o", "x.toml"], "missing.csv"),
+        (&["tune", "-c", "spec.toml", "m.csv", "--truth", "missing.csv", "-o", "x.toml"], "missing.csv"),
+    ] {
+        let run = folder.run(arguments);
+        assert_eq!(run.code, Some(2), "{arguments:?}: {}", run.err);
+        assert!(run.err.contains(says), "{arguments:?}: {}", run.err);
+        assert!(!folder.path("x.toml").exists(), "{arguments:?}");
+    }
+}
