@@ -43,7 +43,7 @@ const PLAIN: f64 = 0.5;
 /// How good a spec is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Merit {
-    /// With truth half the mean log density of the true positions, three parts in ten of them foretold from fixes up to [`AHEAD_S`] old, and
+    /// With truth half the mean log density of the true positions, three parts in ten of them foretold from fixes up to 2 s old, and
     /// half `−2 ln RMSE`; without truth the mean log density of the next measurements. The larger the better. −∞ for a spec that cannot be run.
     pub score: f64,
     /// Root mean square distance from the truth, metres, where there is truth.

@@ -10,6 +10,8 @@ use fixtrail_track::spec::{DriftSpec, GaussMarkovSpec, MAX_STATE, ModelSpec, Pri
 pub enum Change {
     /// Stationary motion about the place of anchors and truth.
     Resident,
+    /// A start that is looked for in the data instead of a prior that says no more than the place.
+    Search,
     /// Errors of each anchor that last, of the sensor at that place in the spec.
     Drift(usize),
     /// Huber's weight on all sensors.
@@ -26,7 +28,7 @@ impl Change {
         // Outliers first: they would pass for motion or for errors that last.
         out.extend([Change::Redescending, Change::Huber]);
         out.extend((0..spec.sensors.len()).filter(|i| drifting(spec.sensors[*i].kind)).map(Change::Drift));
-        out.push(Change::Resident);
+        out.extend([Change::Resident, Change::Search]);
         out
     }
 
@@ -34,6 +36,7 @@ impl Change {
     pub fn name(self) -> &'static str {
         match self {
             Change::Resident => "stationary motion (`gauss-markov`)",
+            Change::Search => "the start searched in the data (no `x0`)",
             Change::Drift(_) => "errors that last (`drift`)",
             Change::Huber => "`robust = \"huber\"`",
             Change::Redescending => "`robust = \"redescending\"`",
@@ -45,6 +48,11 @@ impl Change {
         let mut out = setting.clone();
         match self {
             Change::Resident => out.spec.model = ModelSpec::GaussMarkov(resident(&setting.spec, recordings)?),
+            Change::Search => {
+                let ModelSpec::GaussMarkov(model) = &mut out.spec.model else { return None };
+                let prior = model.prior.take();
+                prior.filter(|p| is_vague(p, model))?;
+            }
             Change::Drift(i) => {
                 if setting.spec.sensors[i].drift.is_some() || states_with_drift(&setting.spec, recordings) > MAX_STATE {
                     return None;
@@ -78,6 +86,11 @@ fn states_with_drift(spec: &Spec, recordings: &[Recording]) -> usize {
 
 /// Share of the place from which on a prior of the start says nothing that the place does not.
 const VAGUE: f64 = 0.5;
+
+/// Whether the prior of a stationary target says no more of its start than its place does.
+fn is_vague(prior: &Prior, model: &GaussMarkovSpec) -> bool {
+    (0..model.axes).all(|i| prior.cov.at(i, i).sqrt() >= VAGUE * model.spread_m[i])
+}
 
 /// Stationary motion about the middle of the box of anchors and known positions, as wide as a uniform distribution over it.
 fn resident(spec: &Spec, recordings: &[Recording]) -> Option<GaussMarkovSpec> {
@@ -120,14 +133,11 @@ fn resident(spec: &Spec, recordings: &[Recording]) -> Option<GaussMarkovSpec> {
     let mean_square = speeds.iter().sum::<f64>() / speeds.len().max(1) as f64;
     let speed = if mean_square > 0.0 { (0.5 * mean_square).sqrt() } else { 0.5 };
     let speed = speed.clamp(1e-3 * widest, widest).max(1e-6);
-    // A start that says no more than the place is better looked for in the data.
-    let vague = |p: &Prior| (0..axes).all(|i| p.cov.at(i, i).sqrt() >= VAGUE * spread[i]);
-    let prior = model.prior.clone().filter(|p| !vague(p));
     Some(GaussMarkovSpec {
         axes,
         centre_m: bounds[..axes].iter().map(|[least, most]| 0.5 * (least + most)).collect(),
         spread_m: spread,
         speed_mps: vec![speed; axes],
-        prior,
+        prior: model.prior.clone(),
     })
 }

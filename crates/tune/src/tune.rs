@@ -158,7 +158,7 @@ pub fn tune(
             let other = search(other, &places, recordings, coarse, &tried);
             let gain = other.merit.score - best.merit.score;
             let worth = match change {
-                Change::Resident => WORTH_A_PLACE,
+                Change::Resident | Change::Search => WORTH_A_PLACE,
                 Change::Redescending => WORTH_SAFETY,
                 _ => WORTH_A_CHANGE,
             };
