@@ -9,7 +9,7 @@
 //!   2 × 0.0027 by Markov's inequality, less than 1e-24.
 //! - **Stale**: after a gap one standard deviation of the prediction bends a measurement by more than the standard deviation of its
 //!   innovation, though over the estimate before the gap it was as good as linear, by the measure that ends the search for a start
-//!   ([`Search`]). From there on the linearisation would decide the update, and not the measurement: the filter would be sure of a wrong
+//!   (`Search`). From there on the linearisation would decide the update, and not the measurement: the filter would be sure of a wrong
 //!   place. For a range that is a prediction known to no better than twice the distance to the anchor.
 
 use crate::error::StepError;
