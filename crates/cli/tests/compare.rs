@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Folder, walk_folder};
+use common::{Folder, walk_folder, walk_folder_with_truth};
 use serde_json::Value;
 
 const LINEAR: &str = "[model]\nkind = \"linear\"\nA = [[1.0, 1.0], [0.0, 1.0]]\nC = [[1.0, 0.0]]\nQ = [[0.01, 0.0], [0.0, 0.01]]\nR = [[1.0]]\n";
@@ -10,16 +10,7 @@ const HELD: &str = "x0 = [0.0, 0.0]\nP0 = [[1.0, 0.0], [0.0, 1.0]]\n[link]\nstam
 
 /// The walk with its truth.
 fn with_truth() -> Folder {
-    let folder = walk_folder();
-    let truth: String = (10..115)
-        .flat_map(|i| [("T1", 0.0), ("T2", 1.5)].map(|(tag, phase)| (0.2 * f64::from(i), tag, phase)))
-        .map(|(t, tag, phase)| {
-            let angle: f64 = 0.4 * t + phase;
-            format!("{t},{tag},{},{}\n", 4.0 + 2.0 * angle.cos(), 3.0 + 2.0 * angle.sin())
-        })
-        .collect();
-    folder.write("truth.csv", format!("t,target,x,y\n{truth}"));
-    folder
+    walk_folder_with_truth(115)
 }
 
 /// A row of a linear run, seen from a wave that its model follows.

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Folder, SPEC, walk, walk_folder};
+use common::{Folder, SPEC, walk, walk_folder, walk_folder_with_truth};
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use std::fs::File;
 
@@ -35,15 +35,7 @@ fn every_output_format_holds_the_same_rows() {
 
 #[test]
 fn trail_of_the_walk_is_where_the_walk_was() {
-    let folder = walk_folder();
-    let truth: String = (10..100)
-        .flat_map(|i| [("T1", 0.0), ("T2", 1.5)].map(|(tag, phase)| (0.2 * f64::from(i), tag, phase)))
-        .map(|(t, tag, phase)| {
-            let angle: f64 = 0.4 * t + phase;
-            format!("{t},{tag},{},{}\n", 4.0 + 2.0 * angle.cos(), 3.0 + 2.0 * angle.sin())
-        })
-        .collect();
-    folder.write("truth.csv", format!("t,target,x,y\n{truth}"));
+    let folder = walk_folder_with_truth(100);
     let arguments = ["track", "-c", "spec.toml", "m.csv", "-o", "t.csv", "--truth", "truth.csv", "--report", "r.html"];
     let ran = folder.run(&arguments).good();
     assert!(ran.out.contains("RMSE") && ran.out.contains("T2") && ran.out.contains("all"), "{ran:?}");

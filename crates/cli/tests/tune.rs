@@ -2,20 +2,11 @@
 
 mod common;
 
-use common::{Folder, walk_folder};
+use common::{Folder, walk_folder_with_truth};
 
 /// The walk with its truth.
 fn with_truth() -> Folder {
-    let folder = walk_folder();
-    let truth: String = (10..115)
-        .flat_map(|i| [("T1", 0.0), ("T2", 1.5)].map(|(tag, phase)| (0.2 * f64::from(i), tag, phase)))
-        .map(|(t, tag, phase)| {
-            let angle: f64 = 0.4 * t + phase;
-            format!("{t},{tag},{},{}\n", 4.0 + 2.0 * angle.cos(), 3.0 + 2.0 * angle.sin())
-        })
-        .collect();
-    folder.write("truth.csv", format!("t,target,x,y\n{truth}"));
-    folder
+    walk_folder_with_truth(115)
 }
 
 #[test]

@@ -143,3 +143,17 @@ pub fn walk_folder() -> Folder {
     folder.write("m.csv", table).write("anchors.csv", anchors).write("spec.toml", SPEC);
     folder
 }
+
+/// The folder with the walk and its `truth.csv`, at the instants from 10 to `end`.
+pub fn walk_folder_with_truth(end: i32) -> Folder {
+    let folder = walk_folder();
+    let truth: String = (10..end)
+        .flat_map(|i| [("T1", 0.0), ("T2", 1.5)].map(|(tag, phase)| (0.2 * f64::from(i), tag, phase)))
+        .map(|(t, tag, phase)| {
+            let angle: f64 = 0.4 * t + phase;
+            format!("{t},{tag},{},{}\n", 4.0 + 2.0 * angle.cos(), 3.0 + 2.0 * angle.sin())
+        })
+        .collect();
+    folder.write("truth.csv", format!("t,target,x,y\n{truth}"));
+    folder
+}
