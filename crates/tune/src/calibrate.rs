@@ -1,6 +1,6 @@
 //! Biases and path loss from residuals at known positions.
 
-use crate::merit::Recording;
+use crate::merit::{Recording, truth_of};
 use fixtrail_track::packet::{Content, Kind};
 use fixtrail_track::spec::{ModelSpec, SensorSpec, Spec};
 use fixtrail_track::truth::{TargetTruth, TruthPoint};
@@ -69,9 +69,8 @@ pub fn calibrate(spec: &Spec, index: usize, recordings: &[Recording]) -> Option<
 fn residuals<'a>(sensor: &SensorSpec, axes: usize, recordings: &'a [Recording]) -> Vec<Residual<'a>> {
     let mut out = Vec::new();
     for (number, recording) in recordings.iter().enumerate() {
-        let lone = recording.targets.len() == 1 && recording.truth.len() == 1;
         for target in &recording.targets {
-            let Some(truth) = recording.truth.iter().find(|t| lone || t.target == target.target) else { continue };
+            let Some(truth) = truth_of(recording, target) else { continue };
             for packet in &target.packets {
                 let (anchor, value) = match packet.content {
                     Content::Range { anchor, value_m } if sensor.kind == Kind::Range => (anchor, value_m),

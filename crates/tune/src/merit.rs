@@ -77,8 +77,7 @@ pub fn smoothed_rmse(spec: &Spec, recordings: &[Recording], shift_s: &[f64]) -> 
         let Some(truth) = truth_of(recording, target) else { return Some((0.0, 0.0)) };
         let target = shifted(&spec, target, shift_s);
         let trail = track(&spec, &recording.anchors, &target, LaggedMode::Own).ok()?;
-        let (squares, count) = errors(&spec, Kind::Smoother, trail, truth)?;
-        Some((squares, count))
+        errors(&spec, Kind::Smoother, trail, truth)
     };
     let parts: Option<Vec<(f64, f64)>> = jobs.par_iter().map(one).collect();
     let (squares, count) = parts?.into_iter().fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
@@ -161,7 +160,8 @@ fn errors(spec: &Spec, kind: Kind, trail: TargetTrail, truth: &TargetTruth) -> O
     Some(errors.fold((0.0, 0.0), |(sum, count), e| (sum + e * e, count + 1.0)))
 }
 
-fn truth_of<'a>(recording: &'a Recording, target: &TargetPackets) -> Option<&'a TargetTruth> {
+/// The known positions of a target; of a lone one those of any name.
+pub(crate) fn truth_of<'a>(recording: &'a Recording, target: &TargetPackets) -> Option<&'a TargetTruth> {
     let lone = recording.targets.len() == 1 && recording.truth.len() == 1;
     recording.truth.iter().find(|t| lone || t.target == target.target)
 }
