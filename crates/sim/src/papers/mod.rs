@@ -1,0 +1,253 @@
+//! What three papers print and state, and what comes of it here.
+//!
+//! An [`Account`] has an [`Entry`] for every printed number and every stated claim, and our curves for every figure. Verdicts are computed
+//! from what was measured, never written down.
+
+/// What is said of one paper.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Account {
+    /// Its short name: `fms`, `mvf` or `fosb`.
+    pub paper: &'static str,
+    /// Authors, title, year.
+    pub title: &'static str,
+    /// One entry for every printed number and stated claim, in the order of the paper.
+    pub entries: Vec<Entry>,
+    /// Our curves for every figure.
+    pub figures: Vec<Figure>,
+}
+
+/// One printed number or stated claim, and ours.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Entry {
+    /// Where the paper has it: `Table 2`, `Figure 5`, `section 3.2`.
+    pub place: String,
+    /// What it is: `position error of the FMS filter, step, m`.
+    pub what: String,
+    /// What the paper says.
+    pub printed: Printed,
+    /// Ours when the text is taken by its letter; absent where the letter makes no experiment.
+    pub literal: Option<Measured>,
+    /// Another reading of the text, and what it gives.
+    pub reading: Option<Reading>,
+    /// What theory allows or foretells.
+    pub bound: Option<Bound>,
+    /// Whether it holds.
+    pub verdict: Verdict,
+    /// Why, in a sentence; empty where the numbers say all.
+    pub reason: String,
+}
+
+/// What a paper says.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Printed {
+    /// A number with this many digits behind the point.
+    Number {
+        /// The number.
+        value: f64,
+        /// Digits behind the point.
+        digits: u32,
+    },
+    /// A sentence.
+    Claim(String),
+    /// A table or curve whose values are not in the text.
+    NotInText,
+}
+
+/// A number from experiments.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Measured {
+    /// The mean over our experiments.
+    pub mean: f64,
+    /// Its standard error; 0 of what is exact.
+    pub se: f64,
+    /// Standard deviation of one experiment of the paper's size: what the printed number may be off by chance.
+    pub spread: f64,
+}
+
+/// A reading of the text that is not the literal one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Reading {
+    /// What is read differently.
+    pub text: String,
+    /// What that gives.
+    pub measured: Measured,
+}
+
+/// A number that theory gives.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bound {
+    /// What it is.
+    pub text: String,
+    /// The number.
+    pub value: f64,
+}
+
+/// Whether what the paper says comes out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// By the letter of the text.
+    Reproduced,
+    /// Under another reading of the text.
+    UnderReading,
+    /// Under none that we know.
+    NotReproducible,
+    /// The opposite comes out.
+    Contradicted,
+    /// The paper's values are not in its text.
+    NotInText,
+}
+
+/// Standard deviations that a printed number may be off and still be reproduced.
+pub const WITHIN: f64 = 3.0;
+
+impl Measured {
+    /// A number that is exact.
+    pub fn exact(value: f64) -> Measured {
+        Measured { mean: value, se: 0.0, spread: 0.0 }
+    }
+
+    /// Mean of experiments of the paper's size.
+    pub fn of(experiments: &[f64]) -> Measured {
+        let count = experiments.len() as f64;
+        let mean = experiments.iter().sum::<f64>() / count;
+        let square: f64 = experiments.iter().map(|v| (v - mean) * (v - mean)).sum();
+        let spread = if count > 1.0 { (square / (count - 1.0)).sqrt() } else { 0.0 };
+        Measured { mean, se: spread / count.sqrt(), spread }
+    }
+
+    /// Standard deviations between a printed number and this one: by chance of both experiments, and by the printing.
+    pub fn deviation(&self, value: f64, digits: u32) -> f64 {
+        // A number printed with d digits is off by up to half of the last: uniform.
+        let rounding = 10_f64.powi(-(digits as i32)) / 12_f64.sqrt();
+        (value - self.mean) / (self.se.powi(2) + self.spread.powi(2) + rounding.powi(2)).sqrt()
+    }
+}
+
+impl Entry {
+    /// The entry of a printed number; the verdict follows from the numbers. `missed` is the verdict when neither fits.
+    pub fn number(place: &str, what: &str, (value, digits): (f64, u32), missed: Verdict) -> Entry {
+        Entry {
+            place: place.to_owned(),
+            what: what.to_owned(),
+            printed: Printed::Number { value, digits },
+            literal: None,
+            reading: None,
+            bound: None,
+            verdict: missed,
+            reason: String::new(),
+        }
+    }
+
+    /// The entry of a claim that `holds` or not; the numbers are what it was judged by.
+    pub fn claim(place: &str, claim: &str, holds: bool, reason: String) -> Entry {
+        Entry {
+            place: place.to_owned(),
+            what: String::new(),
+            printed: Printed::Claim(claim.to_owned()),
+            literal: None,
+            reading: None,
+            bound: None,
+            verdict: if holds { Verdict::Reproduced } else { Verdict::Contradicted },
+            reason,
+        }
+    }
+
+    /// The entry of what the text does not have: ours stands alone.
+    pub fn ours(place: &str, what: &str, measured: Measured) -> Entry {
+        Entry {
+            place: place.to_owned(),
+            what: what.to_owned(),
+            printed: Printed::NotInText,
+            literal: Some(measured),
+            reading: None,
+            bound: None,
+            verdict: Verdict::NotInText,
+            reason: String::new(),
+        }
+    }
+
+    /// With what the letter of the text gives.
+    pub fn literally(mut self, measured: Measured) -> Entry {
+        if self.fits(&measured) {
+            self.verdict = Verdict::Reproduced;
+        }
+        self.literal = Some(measured);
+        self
+    }
+
+    /// With what another reading gives.
+    pub fn read_as(mut self, text: &str, measured: Measured) -> Entry {
+        if self.verdict != Verdict::Reproduced && self.fits(&measured) {
+            self.verdict = Verdict::UnderReading;
+        }
+        self.reading = Some(Reading { text: text.to_owned(), measured });
+        self
+    }
+
+    /// With what theory says.
+    pub fn bounded(mut self, text: &str, value: f64) -> Entry {
+        self.bound = Some(Bound { text: text.to_owned(), value });
+        self
+    }
+
+    /// With a sentence on why.
+    pub fn because(mut self, reason: impl Into<String>) -> Entry {
+        self.reason = reason.into();
+        self
+    }
+
+    fn fits(&self, measured: &Measured) -> bool {
+        match self.printed {
+            Printed::Number { value, digits } => measured.deviation(value, digits).abs() < WITHIN,
+            _ => false,
+        }
+    }
+}
+
+/// Our curves for one figure of a paper.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Figure {
+    /// Where the paper has it: `Figure 4`, `Figure 9a`.
+    pub place: String,
+    /// What it shows, and how it was made.
+    pub caption: String,
+    /// Name and unit of the horizontal axis.
+    pub x: String,
+    /// Name and unit of the vertical axis.
+    pub y: String,
+    /// What it looks like.
+    pub kind: FigureKind,
+    /// The curves, in the order of the legend.
+    pub curves: Vec<Curve>,
+}
+
+/// What a figure looks like.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FigureKind {
+    /// y over x.
+    Lines,
+    /// A plan of the field, both axes in one scale.
+    Plan,
+}
+
+/// One curve.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Curve {
+    /// Its name in the legend.
+    pub name: String,
+    /// Its points in order.
+    pub points: Vec<[f64; 2]>,
+    /// Whether points are joined; else they are marks.
+    pub joined: bool,
+}
+
+/// How much is run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Effort {
+    /// Runs in place of a paper's own number for each experiment; absent: the paper's own, repeated for the spread.
+    pub runs: Option<usize>,
+    /// A look in seconds: fewer repetitions, wider errors.
+    pub quick: bool,
+    /// Seed of all chance.
+    pub seed: u64,
+}
