@@ -10,6 +10,7 @@ pub mod linalg;
 pub mod models;
 pub mod position;
 pub mod riccati;
+pub mod schedule;
 pub mod sensors;
 pub mod storage;
 mod types;

@@ -1,7 +1,8 @@
 //! Truth, channels and metrics.
 //!
 //! [`channels`] lose, delay and repeat packets, [`scenario`] invents a walk and what a network lets through of it, [`metrics`] judges trails,
-//! [`monte_carlo`] runs scenarios many times, [`replay`] sends a recording through a channel, [`papers`] accounts for what three papers print.
+//! [`monte_carlo`] runs scenarios many times, [`replay`] sends a recording through a channel, [`scheduling`] lets a scheduler choose
+//! the sensors, [`papers`] accounts for what three papers print.
 //! Randomness is an argument; equal seeds give equal bytes.
 
 pub mod channels;
@@ -10,3 +11,4 @@ pub mod monte_carlo;
 pub mod papers;
 pub mod replay;
 pub mod scenario;
+pub mod scheduling;

@@ -32,7 +32,7 @@ use fixtrail_core::estimators::fms::invariant::{self, InvariantWindow};
 use fixtrail_core::estimators::gpb1::Gpb1;
 use fixtrail_core::estimators::lmmse::{Lmmse, Spread};
 use fixtrail_core::estimators::lmvf::Lmvf;
-use fixtrail_core::models::{CoordinatedTurn, Drift, GaussMarkov, Integrators, MOST_MODES, Switching};
+use fixtrail_core::models::{CoordinatedTurn, Drift, GaussMarkov, Integrators, MOST_MODES, Switching, TurnNoise};
 use std::sync::Arc;
 
 /// Most values at an instant of a link without time stamps.
@@ -142,7 +142,11 @@ fn modelled<P: Purpose>(spec: &Spec, anchors: &Anchors, purpose: P) -> Result<P:
                 let what = "does not go with a coordinated turn, expected another `model.kind`, or no `drift`";
                 return Err(BuildError::new("spec", None, Some("sensor.drift"), what));
             }
-            let motion = CoordinatedTurn::new(turn.noise, turn.turn_noise).map_err(|e| fail(e.to_string()))?;
+            let noise = match turn.per_step {
+                None => TurnNoise::Density(turn.turn_noise),
+                Some(power) => TurnNoise::PerStep { variance: turn.turn_noise, power },
+            };
+            let motion = CoordinatedTurn::new(turn.noise, noise).map_err(|e| fail(e.to_string()))?;
             purpose.make(assemble(spec, anchors, Arc::new(motion), turn.prior.as_ref(), Vec::new(), true))
         }
         _ => {

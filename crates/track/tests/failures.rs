@@ -253,7 +253,7 @@ fn refused_steps_of_linear_kinematic_trackers_leave_no_trace() {
 fn refused_steps_of_nonlinear_trackers_leave_no_trace() {
     let steps = timed(&mut Random::new(2), 18, true);
     for prior in [None, prior(5)] {
-        let model = TurnSpec { noise: [0.3, 0.3], turn_noise: 0.01, prior };
+        let model = TurnSpec { noise: [0.3, 0.3], turn_noise: 0.01, per_step: None, prior };
         let specs: Vec<Spec> = estimators()
             .into_iter()
             .filter(|e| !matches!(e, EstimatorSpec::Kalman | EstimatorSpec::Ufir { .. }))

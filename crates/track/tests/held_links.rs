@@ -473,8 +473,12 @@ fn estimators_of_held_values_are_the_kalman_filter_where_everything_arrives() {
     let packets = ranges(&mut Random::new(10), LEN, 3).concat();
     let anchors = anchors(3);
     let turning = |estimator| {
-        let model =
-            TurnSpec { noise: [0.3, 0.3], turn_noise: 0.01, prior: Some(prior(&[1.0, 2.0, 0.5, -0.2, 0.0], 0.5)) };
+        let model = TurnSpec {
+            noise: [0.3, 0.3],
+            turn_noise: 0.01,
+            per_step: None,
+            prior: Some(prior(&[1.0, 2.0, 0.5, -0.2, 0.0], 0.5)),
+        };
         Spec { link: paper(1.0), sensors: vec![sensor(Kind::Range)], ..spec_of(ModelSpec::Turn(model), estimator) }
     };
     for make in [&|e| moving(Kind::Range, e, paper(1.0)) as Spec, &turning as &dyn Fn(EstimatorSpec) -> Spec] {

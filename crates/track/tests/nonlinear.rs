@@ -193,7 +193,7 @@ fn ekf_without_a_prior_starts_where_least_squares_does() {
 }
 
 fn turn() -> ModelSpec {
-    ModelSpec::Turn(TurnSpec { noise: [0.02, 0.02], turn_noise: 1e-4, prior: None })
+    ModelSpec::Turn(TurnSpec { noise: [0.02, 0.02], turn_noise: 1e-4, per_step: None, prior: None })
 }
 
 #[test]

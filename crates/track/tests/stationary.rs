@@ -201,7 +201,7 @@ fn drifts_that_do_not_fit_are_refused() {
     }
     let found = refused(&spec(Some(DRIFT), EstimatorSpec::Ekf), &many);
     assert!(found.contains("sensor.drift") && found.contains("13 states with the errors of 9 anchors"), "{found}");
-    let turn = ModelSpec::Turn(TurnSpec { noise: [1.0, 1.0], turn_noise: 0.1, prior: None });
+    let turn = ModelSpec::Turn(TurnSpec { noise: [1.0, 1.0], turn_noise: 0.1, per_step: None, prior: None });
     let found = refused(&Spec { model: turn, ..spec(Some(DRIFT), EstimatorSpec::Ekf) }, &anchors());
     assert!(found.contains("sensor.drift") && found.contains("coordinated turn"), "{found}");
     let walk = ModelSpec::Kinematic(KinematicSpec { order: 1, axes: 2, noise: vec![1.0, 1.0], prior: None });

@@ -10,18 +10,52 @@ use crate::types::{Matrix, Transition, Vector};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CoordinatedTurn {
     acceleration_psd: [f64; 2],
-    turn_psd: f64,
+    turn_noise: TurnNoise,
+}
+
+/// How the turn rate changes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum TurnNoise {
+    /// A random walk of this density, rad²/s³: its variance grows with time, whatever the steps.
+    Density(f64),
+    /// Changes by `variance · dt^power` in every step, rad²/s². \[MVF10\] has power 0: two short steps shake more than a long one.
+    PerStep {
+        /// At steps of a second.
+        variance: f64,
+        /// Exponent of the step's length.
+        power: u8,
+    },
+}
+
+impl From<f64> for TurnNoise {
+    fn from(density: f64) -> Self {
+        TurnNoise::Density(density)
+    }
+}
+
+impl TurnNoise {
+    /// Variance of the change over an interval, rad²/s².
+    fn over(&self, dt_s: f64) -> f64 {
+        match *self {
+            TurnNoise::Density(density) => density * dt_s,
+            // No step, no change.
+            TurnNoise::PerStep { .. } if dt_s == 0.0 => 0.0,
+            TurnNoise::PerStep { variance, power } => variance * libm::pow(dt_s, power.into()),
+        }
+    }
 }
 
 impl CoordinatedTurn {
     /// Returns the model driven by white acceleration noise of density `acceleration_psd` per axis (m²/s³) and by a
-    /// random walk of the turn rate of density `turn_psd` (rad²/s³).
+    /// random walk of the turn rate: a density (rad²/s³) or a [`TurnNoise`].
     ///
     /// # Errors
     /// [`DesignError::NoiseDensity`] when a density is negative or not finite (index 2 is the turn rate's).
-    pub fn new(acceleration_psd: [f64; 2], turn_psd: f64) -> Result<Self, DesignError> {
-        check_densities(&[acceleration_psd[0], acceleration_psd[1], turn_psd])?;
-        Ok(CoordinatedTurn { acceleration_psd, turn_psd })
+    pub fn new(acceleration_psd: [f64; 2], turn_noise: impl Into<TurnNoise>) -> Result<Self, DesignError> {
+        let turn_noise = turn_noise.into();
+        let (TurnNoise::Density(size) | TurnNoise::PerStep { variance: size, .. }) = turn_noise;
+        check_densities(&[acceleration_psd[0], acceleration_psd[1], size])?;
+        Ok(CoordinatedTurn { acceleration_psd, turn_noise })
     }
 
     /// Returns the motion over `dt_s` seconds, linearised at `x`.
@@ -31,7 +65,7 @@ impl CoordinatedTurn {
     /// `dt² (s′vx − c′vy)`, `dt² (c′vx + s′vy)`, `−dt vy⁺`, `dt vx⁺`, 1.
     ///
     /// Noise: per axis that of constant velocity, `psd [[dt³/3, dt²/2], [dt²/2, dt]]`, which leaves the turn within the
-    /// interval out (of relative order θ); on ω, `psd · dt`.
+    /// interval out (of relative order θ); on ω, that of the [`TurnNoise`].
     /// `dt_s` must be finite and at least 0; 0 gives the identity without noise.
     pub fn leap(&self, x: &Vector<5>, dt_s: f64) -> Transition<5> {
         debug_assert!(dt_s >= 0.0 && dt_s.is_finite(), "an interval of {dt_s} s");
@@ -57,7 +91,7 @@ impl CoordinatedTurn {
             q[(velocity, axis)] = q[(axis, velocity)];
             q[(velocity, velocity)] = psd * dt_s;
         }
-        q[(4, 4)] = self.turn_psd * dt_s;
+        q[(4, 4)] = self.turn_noise.over(dt_s);
         Transition { next, f, q }
     }
 }

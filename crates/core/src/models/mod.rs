@@ -11,7 +11,7 @@ mod integrators;
 mod linear;
 mod switching;
 
-pub use coordinated_turn::CoordinatedTurn;
+pub use coordinated_turn::{CoordinatedTurn, TurnNoise};
 pub use drift::Drift;
 pub use fms_paper::FmsPaper;
 pub use gauss_markov::GaussMarkov;

@@ -8,6 +8,7 @@ mod run;
 mod summary;
 
 pub use received::{Arrival, Reception, Shown, receive};
+pub(crate) use run::field;
 pub use run::{Sample, World};
 pub use summary::{Estimated, Summary};
 

@@ -214,7 +214,7 @@ impl<'a> World<'a> {
 }
 
 /// Sensors anywhere in the field.
-fn field(spec: &FieldSpec, rng: &mut Pcg64) -> Anchors {
+pub(crate) fn field(spec: &FieldSpec, rng: &mut Pcg64) -> Anchors {
     let mut anchors = Anchors::default();
     for i in 0..spec.sensors {
         let [x, y] = spec.size_m.map(|side| rng.random_range(0.0..side));

@@ -69,6 +69,11 @@ const AGILE_S: f64 = 2.0;
 fn modes(table: &Table<'_>, kind: &Field<'_>, model: &ModelSpec) -> Result<[Option<ModeSpec>; MOST_MODES], BuildError> {
     let ((noise, axes), turn_noise) = match model {
         ModelSpec::Kinematic(m) => ((&m.noise[..], m.axes), None),
+        ModelSpec::Turn(m) if m.per_step.is_some() => {
+            return Err(kind.error(
+                "is \"imm\", whose modes have densities of noise, but `model.turn_noise` is one per step, expected a number there",
+            ));
+        }
         ModelSpec::Turn(m) => ((&m.noise[..], 2), Some(m.turn_noise)),
         ModelSpec::GaussMarkov(_) => {
             return Err(kind.error(

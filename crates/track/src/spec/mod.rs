@@ -12,6 +12,7 @@ mod model;
 mod names;
 mod parse;
 mod scenario;
+mod schedule;
 mod sensor;
 mod sequence;
 mod value;
@@ -28,6 +29,7 @@ pub use scenario::{
     ChannelSpec, Contender, FieldSpec, LossSpec, Per, Recorded, Scenario, Shows, Simulated, Start, World,
     parse_scenario,
 };
+pub use schedule::ScheduleSpec;
 
 use crate::mat::Mat;
 use crate::packet::Kind;
@@ -130,8 +132,10 @@ pub struct GaussMarkovSpec {
 pub struct TurnSpec {
     /// `noise`: PSD of the acceleration noise per axis, m²/s³.
     pub noise: [f64; 2],
-    /// `turn_noise`: PSD of the turn rate's driving noise, rad²/s³.
+    /// `turn_noise`: PSD of the turn rate's driving noise, rad²/s³; with a `per_step`, the variance of its change in a step of a second.
     pub turn_noise: f64,
+    /// `turn_noise.power` where noise comes by steps: the exponent of a step's length.
+    pub per_step: Option<u8>,
     /// Prior of the first instant.
     pub prior: Option<Prior>,
 }

@@ -35,8 +35,23 @@ fn kinematic(table: &Table<'_>, whose: &str, order: usize) -> Result<KinematicSp
 fn turn(table: &Table<'_>, whose: &str) -> Result<TurnSpec, BuildError> {
     table.only(whose, &["kind", "noise", "turn_noise", "x0", "P0", "S0"], &[])?;
     let noise = noise(table, 2)?;
-    let turn_noise = table.require("turn_noise", DENSITY)?.number(DENSITY, |v| v >= 0.0)?;
-    Ok(TurnSpec { noise: [noise[0], noise[1]], turn_noise, prior: prior(table, 5)? })
+    let (turn_noise, per_step) = turn_noise(&table.require("turn_noise", TURN_NOISE)?)?;
+    Ok(TurnSpec { noise: [noise[0], noise[1]], turn_noise, per_step, prior: prior(table, 5)? })
+}
+
+const TURN_NOISE: &str = "a finite power spectral density, at least 0, or a table with `per_step`";
+
+/// A density, or a variance per step and the exponent of the step's length.
+fn turn_noise(field: &Field<'_>) -> Result<(f64, Option<u8>), BuildError> {
+    if !field.is_table() {
+        return Ok((field.number(TURN_NOISE, |v| v >= 0.0)?, None));
+    }
+    let table = field.table(TURN_NOISE)?;
+    table.only("the noise of a turn rate", &["per_step", "power"], &[])?;
+    let expected = "a finite variance, at least 0";
+    let variance = table.require("per_step", expected)?.number(expected, |v| v >= 0.0)?;
+    let power = table.get("power").map_or(Ok(0), |field| field.count(0, 2))?;
+    Ok((variance, Some(power as u8)))
 }
 
 fn gauss_markov(table: &Table<'_>, whose: &str) -> Result<GaussMarkovSpec, BuildError> {

@@ -71,7 +71,18 @@ pub(super) const VARIANTS: &[Named] = &[
 ];
 
 /// How measurements can be scheduled.
-pub const SCHEDULERS: &[Named] = &[];
+pub const SCHEDULERS: &[Named] = &[
+    ("idgss", "the cheapest sensor and interval of those that are accurate enough, from a group around the target"),
+    ("nearest", "the sensor nearest to the target, at a fixed interval"),
+    ("minimum-trace", "the sensor of the group that leaves the least uncertainty, at a fixed interval"),
+    ("fixed-interval", "as `idgss`, at one interval"),
+];
+
+/// `schedule.accuracy`.
+pub(super) const ACCURACIES: &[Named] = &[
+    ("trace", "mean square of the position error"),
+    ("sum", "variance of x + y, which is what the paper's formula says"),
+];
 
 /// What a simulated channel can do to packets.
 pub const CHANNELS: &[Named] = &[

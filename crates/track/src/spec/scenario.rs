@@ -19,6 +19,7 @@
 use super::link;
 use super::matrix::{Definite, MAX_STATE, covariance};
 use super::names::{CHANNELS, Named, choose};
+use super::schedule::{ScheduleSpec, schedule};
 use super::value::{Field, Node, Table};
 use super::{LinkSpec, Robust, SensorSpec, Spec, estimator, model, sensor};
 use crate::error::BuildError;
@@ -66,6 +67,8 @@ pub struct Simulated {
     pub truth: Spec,
     /// Where ranges are taken from.
     pub field: Option<FieldSpec>,
+    /// Whether sensors are chosen as the target goes, and how where a contender does not say.
+    pub schedule: Option<ScheduleSpec>,
     /// Who estimates.
     pub contenders: Vec<Contender>,
 }
@@ -99,6 +102,8 @@ pub struct Contender {
     pub spec: Spec,
     /// `shows`: what a receiver without time stamps shows to it.
     pub shows: Shows,
+    /// `schedule`: how its sensors are chosen.
+    pub schedule: Option<ScheduleSpec>,
 }
 
 /// What a receiver without time stamps shows when nothing comes.
@@ -195,7 +200,7 @@ pub fn parse_scenario(
     let root = node.field(file, "").table("a scenario")?;
     root.only(
         "a scenario",
-        &["version", "scenario", "recording", "model", "sensor", "field", "channel", "contender"],
+        &["version", "scenario", "recording", "model", "sensor", "field", "channel", "schedule", "contender"],
         &[],
     )?;
     if let Some(field) = root.get("version") {
@@ -217,7 +222,7 @@ fn seed(table: &Table<'_>) -> Result<u64, BuildError> {
 }
 
 fn recorded(root: &Table<'_>, field: &Field<'_>) -> Result<(u64, World), BuildError> {
-    for key in ["model", "sensor", "field", "contender"] {
+    for key in ["model", "sensor", "field", "schedule", "contender"] {
         if let Some(field) = root.get(key) {
             return Err(
                 field.misfit("nothing of the kind beside `[recording]`: `fixtrail track` estimates what is written")
@@ -244,7 +249,15 @@ fn simulated(
     let table = field.table("a table `[scenario]`")?;
     table.only("a scenario", &["runs", "steps", "seed", "interval_s", "start", "noise"], &[])?;
     let count = |key: &str| table.get(key).map_or(Ok(1), |field| field.count(1, MOST));
-    let (runs, steps) = (count("runs")?, table.require("steps", "a number of instants")?.count(1, MOST)?);
+    let runs = count("runs")?;
+    // Under a schedule there are as many instants as it wants.
+    let steps = match (table.get("steps"), root.get("schedule")) {
+        (Some(field), Some(_)) => {
+            return Err(field.misfit("no `steps` beside `[schedule]`, whose `duration_s` says when to stop"));
+        }
+        (None, Some(_)) => 1,
+        _ => table.require("steps", "a number of instants")?.count(1, MOST)?,
+    };
     let interval_s =
         table.get("interval_s").map_or(Ok(1.0), |f| f.number("a positive number of seconds", |v| v > 0.0))?;
     let start = match table.get("start").map(|field| choose(&field, STARTS, &[])).transpose()? {
@@ -268,9 +281,20 @@ fn simulated(
         return Err(root.error("sensor", what));
     }
     let field = root.get("field").map(|f| field_of(&f, &sensors)).transpose()?;
+    let plane = match &model {
+        super::ModelSpec::Kinematic(m) => m.axes == 2,
+        super::ModelSpec::GaussMarkov(m) => m.axes == 2,
+        super::ModelSpec::Turn(_) => true,
+        super::ModelSpec::Linear(_) => false,
+    };
     if field.is_none() && sensors.iter().any(|s| s.kind == Kind::Range) {
         return Err(root.missing("field", "a table `[field]` with the sensors that ranges are taken from"));
     }
+    let scheduled = root.get("schedule").map(|at| match &field {
+        Some(f) if plane => schedule(&at, f.sensors, None),
+        _ => Err(at.misfit("no `[schedule]` without a `[field]` of range sensors and a model in the plane")),
+    });
+    let scheduled = scheduled.transpose()?;
     let truth = Spec {
         estimator: estimator::default(&model, &sensors),
         link: LinkSpec::default(),
@@ -281,16 +305,16 @@ fn simulated(
     };
     let contenders = match root.get("contender") {
         None => Vec::new(),
-        Some(field) => {
+        Some(tables) => {
             let expected = "tables `[[contender]]`";
-            field
+            tables
                 .list(expected)?
                 .iter()
-                .map(|f| contender(&f.table(expected)?, &truth, channel))
+                .map(|f| contender(&f.table(expected)?, &truth, channel, scheduled.as_ref().zip(field.as_ref())))
                 .collect::<Result<_, _>>()?
         }
     };
-    let world = Simulated { runs, steps, interval_s, start, noisy, truth, field, contenders };
+    let world = Simulated { runs, steps, interval_s, start, noisy, truth, field, schedule: scheduled, contenders };
     Ok((seed(&table)?, World::Simulated(Box::new(world))))
 }
 
@@ -310,8 +334,13 @@ fn field_of(field: &Field<'_>, sensors: &[SensorSpec]) -> Result<FieldSpec, Buil
     Ok(FieldSpec { size_m: [length(x)?, length(y)?], sensors: count, nearest })
 }
 
-fn contender(table: &Table<'_>, truth: &Spec, channel: &ChannelSpec) -> Result<Contender, BuildError> {
-    table.only("a contender", &["name", "estimator", "link", "shows", "gate", "S0"], &[])?;
+fn contender(
+    table: &Table<'_>,
+    truth: &Spec,
+    channel: &ChannelSpec,
+    scheduled: Option<(&ScheduleSpec, &FieldSpec)>,
+) -> Result<Contender, BuildError> {
+    table.only("a contender", &["name", "estimator", "link", "shows", "gate", "S0", "schedule"], &[])?;
     let estimator = match table.get("estimator") {
         None => truth.estimator,
         Some(field) => estimator::estimator(&field.table("a table with a `kind`")?, &truth.model, &truth.sensors)?,
@@ -336,7 +365,12 @@ fn contender(table: &Table<'_>, truth: &Spec, channel: &ChannelSpec) -> Result<C
         Some(field) => field.text("a name")?.to_owned(),
     };
     let shows = table.get("shows").map(|field| shows(&field)).transpose()?.unwrap_or(channel.shows);
-    Ok(Contender { name, spec, shows })
+    let schedule = match (table.get("schedule"), scheduled) {
+        (Some(field), Some((base, sensors))) => Some(schedule(&field, sensors.sensors, Some(base))?),
+        (Some(field), None) => return Err(field.misfit("no `schedule` without a `[schedule]` of the scenario")),
+        (None, base) => base.map(|(base, _)| base.clone()),
+    };
+    Ok(Contender { name, spec, shows, schedule })
 }
 
 fn shows(field: &Field<'_>) -> Result<Shows, BuildError> {

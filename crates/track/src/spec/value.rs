@@ -217,6 +217,11 @@ impl<'a> Field<'a> {
         self.elements().filter(|e| !e.is_empty()).ok_or_else(|| self.misfit(expected))
     }
 
+    /// Whether it is a table.
+    pub(super) fn is_table(&self) -> bool {
+        matches!(self.node.value, Value::Table(_))
+    }
+
     /// The table.
     pub(super) fn table(&self, expected: &str) -> Result<Table<'a>, BuildError> {
         match &self.node.value {

@@ -6,6 +6,7 @@ mod kf;
 mod mvf;
 mod position;
 mod run;
+mod schedule;
 
 use crate::error::BuildError;
 use json::Json;
@@ -81,6 +82,7 @@ pub fn verify(text: &str, file: &Path) -> Result<FileVerdict, BuildError> {
         }
         (_, None, Some(kind)) if kind == "linear" => (format!("mvf {kind}"), mvf::linear(&root)?),
         (_, None, Some(kind)) if kind == "emvf" => (format!("mvf {kind}"), mvf::extended(&root)?),
+        (_, None, Some(kind)) if kind == "scheduler" => (format!("mvf {kind}"), schedule::closed_loops(&root)?),
         (_, None, Some(kind)) if kind == "ct" => (format!("mvf {kind}"), mvf::turn(&root)?),
         (format, schema, kind) => {
             let found: Vec<String> = [("format", format), ("schema", schema), ("kind", kind)]
@@ -93,7 +95,7 @@ pub fn verify(text: &str, file: &Path) -> Result<FileVerdict, BuildError> {
             };
             let what = format!(
                 "{found}, expected format `fms-golden-1`, schema `fosb-golden/1` of kind `kf2_rts_lag1`, `kf4`, `lateration`, `tdoa`, \
-                 `rss_ml` or `rss_to_range`, or kind `linear`, `emvf` or `ct`"
+                 `rss_ml` or `rss_to_range`, or kind `linear`, `emvf`, `scheduler` or `ct`"
             );
             return Err(BuildError::new(file, None, None, what));
         }

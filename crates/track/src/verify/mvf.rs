@@ -54,6 +54,14 @@ fn flat(at: &Json<'_>) -> Result<Vec<f64>, BuildError> {
     Ok(out)
 }
 
+/// As [`flat`] of a list whose unknown entries are null and left out.
+pub(super) fn flat_known(at: &Json<'_>) -> Result<Vec<f64>, BuildError> {
+    match at.value.as_array() {
+        Some(all) if all.iter().all(serde_json::Value::is_null) => Ok(Vec::new()),
+        _ => flat(at),
+    }
+}
+
 /// Compares one list of named values per step with the file's steps; the file's step i stands for instant i + 1.
 fn compare_steps(
     name: &str,

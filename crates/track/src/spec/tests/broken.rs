@@ -123,6 +123,18 @@ fn kinematic_models() -> Vec<Broken> {
         ),
         spec("[model]\nkind = \"gauss-markov\"\ncentre_m = 0\nspread_m = 1", 1, "model.speed_mps", &["is missing"]),
         spec("[model]\nkind = \"coordinated-turn\"\nnoise = 1", 1, "model.turn_noise", &["is missing"]),
+        spec(
+            "[model]\nkind = \"coordinated-turn\"\nnoise = 1\nturn_noise = { per_step = -1 }",
+            4,
+            "model.turn_noise.per_step",
+            &["-1", "a finite variance"],
+        ),
+        spec(
+            "[model]\nkind = \"coordinated-turn\"\nnoise = 1\nturn_noise = { per_step = 1, power = 3 }",
+            4,
+            "model.turn_noise.power",
+            &["3", "0 to 2"],
+        ),
         spec("[model]\nkind = \"coordinated-turn\"\naxes = 2", 3, "model.axes", &["not a key", "`turn_noise`"]),
         spec("[model]\nkind = \"fms-paper\"\nT = 0", 3, "model.T", &["is 0", "positive finite number of seconds"]),
         spec("[model]\nkind = \"fms-paper\"\nT = 1e200", 3, "model.T", &["is 1e200", "finite"]),

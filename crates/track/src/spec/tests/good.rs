@@ -42,11 +42,31 @@ fn kinematic_models_have_order_axes_and_noise() {
 }
 
 #[test]
+fn turn_noise_may_come_by_steps() {
+    let text = |noise: &str| {
+        format!(
+            "[model]\nkind = \"coordinated-turn\"\nnoise = 0\nturn_noise = {noise}\n[sensor]\nkind = \"position\"\nsd = 1"
+        )
+    };
+    for (noise, expected) in [
+        ("{ per_step = 0.002 }", (0.002, Some(0))),
+        ("{ per_step = 1, power = 2 }", (1.0, Some(2))),
+        ("0.5", (0.5, None)),
+    ] {
+        let ModelSpec::Turn(turn) = good(&text(noise)).model else { panic!("a turn") };
+        assert_eq!((turn.turn_noise, turn.per_step), expected, "{noise}");
+    }
+}
+
+#[test]
 fn coordinated_turn_has_two_axes_and_a_turn_noise() {
     let spec = good(
         "[model]\nkind = \"coordinated-turn\"\nnoise = [0.1, 0.2]\nturn_noise = 0.3\n[sensor]\nkind = \"position\"\nsd = 1",
     );
-    assert_eq!(spec.model, ModelSpec::Turn(TurnSpec { noise: [0.1, 0.2], turn_noise: 0.3, prior: None }));
+    assert_eq!(
+        spec.model,
+        ModelSpec::Turn(TurnSpec { noise: [0.1, 0.2], turn_noise: 0.3, per_step: None, prior: None })
+    );
     assert_eq!(spec.estimator, EstimatorSpec::Ekf);
 }
 
