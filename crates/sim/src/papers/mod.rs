@@ -3,6 +3,71 @@
 //! An [`Account`] has an [`Entry`] for every printed number and every stated claim, and our curves for every figure. Verdicts are computed
 //! from what was measured, never written down.
 
+pub mod fms;
+pub mod fosb;
+pub mod mvf;
+
+/// A paper that is accounted for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Paper {
+    /// \[FMS19\], the finite-memory filter and smoother.
+    Fms,
+    /// \[MVF10\], optimal filters with multiple packet losses.
+    Mvf,
+    /// \[FOSB12\], forward and one-step-backward message passing.
+    Fosb,
+}
+
+impl Paper {
+    /// Every paper, in the order of the accounts.
+    pub const ALL: [Paper; 3] = [Paper::Fms, Paper::Mvf, Paper::Fosb];
+
+    /// Its short name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Paper::Fms => "fms",
+            Paper::Mvf => "mvf",
+            Paper::Fosb => "fosb",
+        }
+    }
+
+    /// Authors, title, year.
+    pub fn title(self) -> &'static str {
+        match self {
+            Paper::Fms => {
+                "P. S. Kim, Finite Memory Structure Filtering and Smoothing for Target Tracking in Wireless Network Environments, 2019"
+            }
+            Paper::Mvf => {
+                "Y. Liu, B. Xu, L. Feng, S. Li, Optimal Filters with Multiple Packet Losses and its Application in Wireless Sensor \
+                 Networks, 2010"
+            }
+            Paper::Fosb => {
+                "Y.-S. Chiou, F. Tsai, C.-L. Wang, C.-T. Huang, A reduced-complexity scheme using message passing for location tracking, \
+                 2012"
+            }
+        }
+    }
+
+    /// Returns what comes of it here. `progress` is called [`Paper::pieces`] times, from any thread; the result does not depend on the
+    /// number of threads.
+    pub fn account(self, effort: &Effort, progress: &(dyn Fn() + Sync)) -> Account {
+        match self {
+            Paper::Fms => fms::account(effort, progress),
+            Paper::Mvf => mvf::account(effort, progress),
+            Paper::Fosb => fosb::account(effort, progress),
+        }
+    }
+
+    /// Returns how often [`Paper::account`] reports progress.
+    pub fn pieces(self, effort: &Effort) -> usize {
+        match self {
+            Paper::Fms => fms::pieces(effort),
+            Paper::Mvf => mvf::pieces(effort),
+            Paper::Fosb => fosb::pieces(effort),
+        }
+    }
+}
+
 /// What is said of one paper.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Account {
