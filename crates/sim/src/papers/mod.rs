@@ -7,6 +7,9 @@ pub mod fms;
 pub mod fosb;
 pub mod mvf;
 
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64;
+
 /// A paper that is accounted for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Paper {
@@ -249,6 +252,15 @@ impl Entry {
         self
     }
 
+    /// With another reading of a claim: what that gives, and whether the claim holds under it.
+    pub fn holds_read_as(mut self, text: &str, measured: Measured, holds: bool) -> Entry {
+        if self.verdict == Verdict::Contradicted && holds {
+            self.verdict = Verdict::UnderReading;
+        }
+        self.reading = Some(Reading { text: text.to_owned(), measured });
+        self
+    }
+
     /// With what theory says.
     pub fn bounded(mut self, text: &str, value: f64) -> Entry {
         self.bound = Some(Bound { text: text.to_owned(), value });
@@ -309,10 +321,28 @@ pub struct Curve {
 /// How much is run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Effort {
-    /// Runs in place of a paper's own number for each experiment; absent: the paper's own, repeated for the spread.
+    /// How often each experiment, of the paper's own size, is run; absent: as often as makes standard errors small.
     pub runs: Option<usize>,
-    /// A look in seconds: fewer repetitions, wider errors.
+    /// A look in seconds: fewer experiments, wider errors.
     pub quick: bool,
     /// Seed of all chance.
     pub seed: u64,
+}
+
+impl Effort {
+    /// How many experiments there are where a full account has `full` and a quick one `quick`; 2 at least, for their spread.
+    pub fn experiments(&self, full: usize, quick: usize) -> usize {
+        self.runs.unwrap_or(if self.quick { quick } else { full }).max(2)
+    }
+}
+
+/// Chance of one run of a paper: a stream of its own for each part of the paper, experiment and run.
+fn stream(effort: &Effort, paper: Paper, part: u64, experiment: usize, run: usize) -> Pcg64 {
+    let number = (paper as u128) << 112 | u128::from(part) << 80 | (experiment as u128) << 40 | run as u128;
+    Pcg64::new(u128::from(effort.seed), number)
+}
+
+/// A standard normal number.
+fn normal(rng: &mut Pcg64) -> f64 {
+    StandardNormal.sample(rng)
 }
