@@ -3,6 +3,74 @@
 //! An [`Account`] has an [`Entry`] for every printed number and every stated claim, and our curves for every figure. Verdicts are computed
 //! from what was measured, never written down.
 
+pub mod fms;
+pub mod fosb;
+pub mod mvf;
+
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64;
+
+/// A paper that is accounted for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Paper {
+    /// \[FMS19\], the finite-memory filter and smoother.
+    Fms,
+    /// \[MVF10\], optimal filters with multiple packet losses.
+    Mvf,
+    /// \[FOSB12\], forward and one-step-backward message passing.
+    Fosb,
+}
+
+impl Paper {
+    /// Every paper, in the order of the accounts.
+    pub const ALL: [Paper; 3] = [Paper::Fms, Paper::Mvf, Paper::Fosb];
+
+    /// Its short name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Paper::Fms => "fms",
+            Paper::Mvf => "mvf",
+            Paper::Fosb => "fosb",
+        }
+    }
+
+    /// Authors, title, year.
+    pub fn title(self) -> &'static str {
+        match self {
+            Paper::Fms => {
+                "P. S. Kim, Finite Memory Structure Filtering and Smoothing for Target Tracking in Wireless Network Environments, 2019"
+            }
+            Paper::Mvf => {
+                "Y. Liu, B. Xu, L. Feng, S. Li, Optimal Filters with Multiple Packet Losses and its Application in Wireless Sensor \
+                 Networks, 2010"
+            }
+            Paper::Fosb => {
+                "Y.-S. Chiou, F. Tsai, C.-L. Wang, C.-T. Huang, A reduced-complexity scheme using message passing for location tracking, \
+                 2012"
+            }
+        }
+    }
+
+    /// Returns what comes of it here. `progress` is called [`Paper::pieces`] times, from any thread; the result does not depend on the
+    /// number of threads.
+    pub fn account(self, effort: &Effort, progress: &(dyn Fn() + Sync)) -> Account {
+        match self {
+            Paper::Fms => fms::account(effort, progress),
+            Paper::Mvf => mvf::account(effort, progress),
+            Paper::Fosb => fosb::account(effort, progress),
+        }
+    }
+
+    /// Returns how often [`Paper::account`] reports progress.
+    pub fn pieces(self, effort: &Effort) -> usize {
+        match self {
+            Paper::Fms => fms::pieces(effort),
+            Paper::Mvf => mvf::pieces(effort),
+            Paper::Fosb => fosb::pieces(effort),
+        }
+    }
+}
+
 /// What is said of one paper.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Account {
@@ -184,6 +252,15 @@ impl Entry {
         self
     }
 
+    /// With another reading of a claim: what that gives, and whether the claim holds under it.
+    pub fn holds_read_as(mut self, text: &str, measured: Measured, holds: bool) -> Entry {
+        if self.verdict == Verdict::Contradicted && holds {
+            self.verdict = Verdict::UnderReading;
+        }
+        self.reading = Some(Reading { text: text.to_owned(), measured });
+        self
+    }
+
     /// With what theory says.
     pub fn bounded(mut self, text: &str, value: f64) -> Entry {
         self.bound = Some(Bound { text: text.to_owned(), value });
@@ -244,10 +321,28 @@ pub struct Curve {
 /// How much is run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Effort {
-    /// Runs in place of a paper's own number for each experiment; absent: the paper's own, repeated for the spread.
+    /// How often each experiment, of the paper's own size, is run; absent: as often as makes standard errors small.
     pub runs: Option<usize>,
-    /// A look in seconds: fewer repetitions, wider errors.
+    /// A look in seconds: fewer experiments, wider errors.
     pub quick: bool,
     /// Seed of all chance.
     pub seed: u64,
+}
+
+impl Effort {
+    /// How many experiments there are where a full account has `full` and a quick one `quick`; 2 at least, for their spread.
+    pub fn experiments(&self, full: usize, quick: usize) -> usize {
+        self.runs.unwrap_or(if self.quick { quick } else { full }).max(2)
+    }
+}
+
+/// Chance of one run of a paper: a stream of its own for each part of the paper, experiment and run.
+fn stream(effort: &Effort, paper: Paper, part: u64, experiment: usize, run: usize) -> Pcg64 {
+    let number = (paper as u128) << 112 | u128::from(part) << 80 | (experiment as u128) << 40 | run as u128;
+    Pcg64::new(u128::from(effort.seed), number)
+}
+
+/// A standard normal number.
+fn normal(rng: &mut Pcg64) -> f64 {
+    StandardNormal.sample(rng)
 }

@@ -1,0 +1,13 @@
+//! \[FOSB12\]: nothing yet.
+
+use super::{Account, Effort, Paper};
+
+/// Returns the account. `progress` is called [`pieces`] times, from any thread.
+pub fn account(_effort: &Effort, _progress: &(dyn Fn() + Sync)) -> Account {
+    Account { paper: "fosb", title: Paper::Fosb.title(), entries: Vec::new(), figures: Vec::new() }
+}
+
+/// Returns how often [`account`] reports progress.
+pub fn pieces(_effort: &Effort) -> usize {
+    0
+}
