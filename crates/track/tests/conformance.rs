@@ -58,13 +58,13 @@ fn scheduler_vectors_pass() {
 #[test]
 fn a_wrong_number_in_scheduler_vectors_is_found() {
     for (file, after, from, to, quantity) in [
-        ("idgss_ekf", "\"k\": 11,", "\"coast\"", "\"fallback\"", "decisions"),
-        ("idgss_ekf", "\"k\": 5,", "\"handoff\": false", "\"handoff\": true", "decisions"),
-        ("idgss_ekf", "\"k\": 2,", "0.3798979986607661", "0.37989899", "candidates"),
-        ("idgss_ekf", "\"k\": 2,", "0.24356960723968002", "0.2435699", "candidates"),
+        ("idgss_ekf", "\"k\":11,", "\"coast\"", "\"fallback\"", "decisions"),
+        ("idgss_ekf", "\"k\":5,", "\"handoff\":false", "\"handoff\":true", "decisions"),
+        ("idgss_ekf", "\"k\":2,", "0.3798979986607661", "0.37989899", "candidates"),
+        ("idgss_ekf", "\"k\":2,", "0.24356960723968002", "0.2435699", "candidates"),
         ("idgss_ekf", "\"n_steps\"", "20", "19", "totals"),
         ("idgss_emvf", "\"total_energy_mJ\"", "9.045854753730561", "9.0458748", "totals"),
-        ("idgss_emvf", "\"k\": 1,", "0.13943683636056897", "0.139438", "candidates"),
+        ("idgss_emvf", "\"k\":1,", "0.13943683636056897", "0.139438", "candidates"),
     ] {
         let files = vectors("mvf", file);
         let text = altered(&files[0], after, from, to);

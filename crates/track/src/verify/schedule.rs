@@ -124,7 +124,10 @@ pub(super) fn closed_loops(root: &Json<'_>) -> Result<Vec<Quantity>, BuildError>
         decisions.add(&decided(&ours, run.scheduler().group()), &decided_by(step)?);
         candidates.add(&foreseen(&ours), &foreseen_by(step)?);
     }
-    let mut out: Vec<Quantity> = numbers.into_iter().chain([decisions, candidates]).map(Comparison::done).collect();
+    // Where nobody counts energy there is none left to compare.
+    let counted = !schedule.residual_mj.is_empty();
+    let numbers = KEYS.iter().zip(numbers).filter(|(key, _)| counted || **key != "residual_mJ").map(|(_, found)| found);
+    let mut out: Vec<Quantity> = numbers.chain([decisions, candidates]).map(Comparison::done).collect();
     let mut totals = compare("totals");
     totals.add(
         &[taken as f64, run.scheduler().spent_mj()],

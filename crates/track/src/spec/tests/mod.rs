@@ -3,6 +3,7 @@
 mod broken;
 mod damaged;
 mod good;
+mod schedule;
 
 use super::{Spec, parse};
 use crate::error::BuildError;
