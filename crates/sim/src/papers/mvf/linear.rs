@@ -224,8 +224,6 @@ fn scalar(system: &Scalar) -> Setting {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-
     #[test]
     fn steady_errors_are_those_of_the_riccati_equation() {
         // P⁻ = A P Aᵀ + W, P = P⁻ − P⁻CᵀCP⁻/(C P⁻ Cᵀ + 1), iterated to its end.
