@@ -44,6 +44,7 @@ enum Command {
     Demo(commands::demo::Arguments),
     Tune(commands::tune::Arguments),
     Simulate(commands::simulate::Arguments),
+    Reproduce(commands::reproduce::Arguments),
     Verify(commands::verify::Arguments),
     List(commands::list::Arguments),
 }
@@ -56,6 +57,7 @@ fn main() -> ExitCode {
         Command::Demo(arguments) => commands::demo::run(&arguments),
         Command::Tune(arguments) => commands::tune::run(&arguments),
         Command::Simulate(arguments) => commands::simulate::run(&arguments),
+        Command::Reproduce(arguments) => commands::reproduce::run(&arguments),
         Command::Verify(arguments) => commands::verify::run(&arguments),
         Command::List(arguments) => commands::list::run(&arguments),
     };

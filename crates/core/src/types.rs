@@ -58,6 +58,30 @@ pub enum StepError {
         /// Index of the first offending component.
         component: usize,
     },
+    /// An interval that is not positive.
+    #[error("the interval is {dt}, expected a positive finite number")]
+    Interval {
+        /// The offending interval.
+        dt: f64,
+    },
+    /// A process noise variance that is negative or not a number.
+    #[error("the variance of the process noise is {var}, expected a finite number of at least 0")]
+    ProcessNoise {
+        /// The offending variance.
+        var: f64,
+    },
+    /// A measurement that is not a number.
+    #[error("the measurement is {value}, expected a finite number")]
+    Measurement {
+        /// The offending value.
+        value: f64,
+    },
+    /// A measurement noise variance that is not positive.
+    #[error("the variance of the measurement is {var}, expected a positive finite number")]
+    MeasurementVariance {
+        /// The offending variance.
+        var: f64,
+    },
     /// The unconditional second moment of the state left the range of numbers while the gain depends on it.
     #[error(
         "the second moment of the state is no longer finite; while values may be old the gain depends on it: no linear filter follows an \

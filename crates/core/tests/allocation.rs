@@ -3,6 +3,7 @@
 mod oracle;
 
 use allocation_counter::measure;
+use fixtrail_core::estimators::alpha_beta::{AlphaBeta, Design};
 use fixtrail_core::estimators::augmented::{Hold, Sensed, Shown};
 use fixtrail_core::estimators::diffuse::Diffuse;
 use fixtrail_core::estimators::emvf::{Emvf, Options};
@@ -11,6 +12,7 @@ use fixtrail_core::estimators::fms::invariant::{InvariantWindow, Model};
 use fixtrail_core::estimators::fms::newton::{ColdStart, MOST_ROWS, Newton, WindowModel};
 use fixtrail_core::estimators::fms::varying::Varying;
 use fixtrail_core::estimators::fms::{Align, posterior_nis};
+use fixtrail_core::estimators::fosb::{FosbAxes, Gauss, Noise};
 use fixtrail_core::estimators::gpb1::Gpb1;
 use fixtrail_core::estimators::imm::Imm;
 use fixtrail_core::estimators::kalman::{Robust, predict, update};
@@ -73,6 +75,23 @@ fn imm_does_not_allocate() {
         let count = usize::from(k % 4 != 0);
         let combined = [at(&prior.belief().mean)];
         imm = prior.update(&combined[..count], &each[..3 * count], Robust::Huber(1.345), |_| {}).unwrap().0;
+    });
+}
+
+#[test]
+fn fosb_and_alpha_beta_do_not_allocate() {
+    let vague = [Gauss { mean: 0.0, var: 4.0 }; 3];
+    let mut fosb = FosbAxes::start(&vague, &vague);
+    let mut walk = AlphaBeta::start(0.0, 0.0);
+    assert_silent("fosb, alpha-beta", |k| {
+        let dt = 0.1 + (k % 7) as f64 * 0.1;
+        let z = Gauss { mean: (k as f64 * 0.3).sin(), var: 1.0 };
+        fosb.predict(dt, &[Noise::Acceleration { q: 0.2 }; 3]).unwrap();
+        fosb.step(dt, &[Noise::Speed { q11: 0.1, q33: 0.1 }; 3], &[z; 3]).unwrap();
+        let design = Design::acceleration(1.0, dt, 0.2);
+        for steady in [design.kalman(), design.fosb()] {
+            walk.step(dt, z.mean, &steady.unwrap().gains()).unwrap();
+        }
     });
 }
 

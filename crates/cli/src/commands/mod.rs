@@ -4,6 +4,7 @@ pub mod check;
 pub mod compare;
 pub mod demo;
 pub mod list;
+pub mod reproduce;
 pub mod simulate;
 pub mod track;
 pub mod tune;

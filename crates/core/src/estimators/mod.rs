@@ -1,9 +1,11 @@
 //! Estimators, one algorithm per file.
 
+pub mod alpha_beta;
 pub mod augmented;
 pub mod diffuse;
 pub mod emvf;
 pub mod fms;
+pub mod fosb;
 pub mod gpb1;
 pub mod imm;
 pub mod kalman;

@@ -9,6 +9,7 @@ pub mod mvf;
 
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
+use std::fmt;
 
 /// A paper that is accounted for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -163,6 +164,45 @@ pub enum Verdict {
     Contradicted,
     /// The paper's values are not in its text.
     NotInText,
+}
+
+impl Verdict {
+    /// Every verdict, the best first.
+    pub const ALL: [Verdict; 5] = [
+        Verdict::Reproduced,
+        Verdict::UnderReading,
+        Verdict::NotReproducible,
+        Verdict::Contradicted,
+        Verdict::NotInText,
+    ];
+
+    /// The verdict in words.
+    pub fn name(self) -> &'static str {
+        match self {
+            Verdict::Reproduced => "reproduced",
+            Verdict::UnderReading => "reproduced under another reading",
+            Verdict::NotReproducible => "not reproducible",
+            Verdict::Contradicted => "contradicted",
+            Verdict::NotInText => "not in the text",
+        }
+    }
+}
+
+impl fmt::Display for Measured {
+    /// `0.2721 ± 0.0002`: down to the first digit of the standard error; four digits where there is none.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Measured { mean, se, .. } = *self;
+        let leading = |v: f64| v.abs().log10().floor() as i32;
+        if se > 0.0 && se.is_finite() {
+            let decimals = (-leading(se)).clamp(0, 9) as usize;
+            return write!(f, "{mean:.decimals$} ± {se:.decimals$}");
+        }
+        match mean {
+            whole if whole == whole.trunc() && whole.abs() < 1e6 => write!(f, "{whole}"),
+            small if small.abs() < 1e-3 => write!(f, "{small:.1e}"),
+            other => write!(f, "{other:.*}", (3 - leading(other)).max(0) as usize),
+        }
+    }
 }
 
 /// Standard deviations that a printed number may be off and still be reproduced.
