@@ -52,7 +52,7 @@ fn specs() -> Vec<Case> {
         bad("unknown table", "[estimator]", "[estimators]", &["spec.toml", "estimators"]),
         bad("unknown model", "constant-velocity", "constant-speed", &["spec.toml", "model.kind", "constant-speed"]),
         bad("unknown estimator", "\"ekf\"", "\"ekff\"", &["spec.toml", "estimator.kind", "ekff", "`ekf`"]),
-        bad("estimator of the future", "\"ekf\"", "\"fosb\"", &["spec.toml", "fosb", "not available yet"]),
+        bad("fosb on ranges", "\"ekf\"", "\"fosb\"", &["spec.toml", "fosb", "positions", "`sensor.kind`", "`ekf`"]),
         bad(
             "one mode",
             "\"ekf\"",

@@ -19,6 +19,8 @@ use fixtrail_core::estimators::kalman::{Robust, predict, update};
 use fixtrail_core::estimators::lmmse::{Lmmse, Spread};
 use fixtrail_core::estimators::lmvf::Lmvf;
 use fixtrail_core::estimators::ufir::Ufir;
+use fixtrail_core::graph::schedule::Chain;
+use fixtrail_core::graph::{ARITY, Factor, Graph, Message};
 use fixtrail_core::models::{FmsPaper, Switching};
 use fixtrail_core::sensors::range;
 use fixtrail_core::{Belief, Matrix, Row, Transition, Vector};
@@ -92,6 +94,22 @@ fn fosb_and_alpha_beta_do_not_allocate() {
         for steady in [design.kalman(), design.fosb()] {
             walk.step(dt, z.mean, &steady.unwrap().gains()).unwrap();
         }
+    });
+}
+
+#[test]
+fn graphs_do_not_allocate() {
+    let (paper, leap) = paper();
+    let mut messages = [[Message::vacuous(); ARITY]; 12];
+    assert_silent("graph", |k| {
+        let factors: [Factor<3>; 12] = core::array::from_fn(|i| match (i, i % 2) {
+            (0, _) => Factor::prior(0, Belief { mean: Vector::zeros(), cov: Matrix::identity() }),
+            (i, 1) => Factor::observation(i / 2, &[row(&paper, k + i)]),
+            (i, _) => Factor::transition(i / 2 - 1, i / 2, leap.f, leap.next, leap.q),
+        });
+        let mut graph = Graph::new(&factors, &mut messages).unwrap();
+        graph.run(Chain::smoother(6)).unwrap();
+        assert!(graph.belief(2).unwrap().is_some());
     });
 }
 

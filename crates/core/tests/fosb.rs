@@ -2,6 +2,8 @@
 
 mod oracle;
 
+use core::cell::Cell;
+use fixtrail_core::estimators::alpha_beta::{AlphaBeta, Gains};
 use fixtrail_core::estimators::fosb::{Fosb, FosbAxes, Gauss, LiteralStart, Noise};
 use fixtrail_core::estimators::kalman::{Robust, predict, update};
 use fixtrail_core::scalar::{Q16, Scalar};
@@ -234,6 +236,79 @@ fn bad_steps_change_nothing() {
     refuses::<f64>(1e200);
     refuses::<f32>(1e30);
     refuses::<Q16>(300.0);
+}
+
+thread_local! {
+    /// Multiplications, additions and divisions.
+    static COUNTS: Cell<[u32; 3]> = const { Cell::new([0; 3]) };
+}
+
+/// A number that counts what is done with it.
+#[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
+struct Counted(f64);
+
+fn counted(kind: usize, out: f64) -> Counted {
+    let mut counts = COUNTS.get();
+    counts[kind] += 1;
+    COUNTS.set(counts);
+    Counted(out)
+}
+
+macro_rules! counts {
+    ($($op:ident $name:ident $kind:literal $sign:tt),*) => {$(
+        impl core::ops::$op for Counted {
+            type Output = Counted;
+
+            fn $name(self, other: Counted) -> Counted {
+                counted($kind, self.0 $sign other.0)
+            }
+        }
+    )*};
+}
+counts!(Mul mul 0 *, Add add 1 +, Sub sub 1 -, Div div 2 /);
+
+impl Scalar for Counted {
+    type Inverse = Counted;
+
+    const ZERO: Counted = Counted(0.0);
+    const HALF: Counted = Counted(0.5);
+
+    fn is_finite(self) -> bool {
+        self.0.is_finite()
+    }
+
+    fn from_f64(value: f64) -> Counted {
+        Counted(value)
+    }
+
+    fn to_f64(self) -> f64 {
+        self.0
+    }
+
+    fn inverse(self) -> Counted {
+        counted(2, 1.0 / self.0)
+    }
+
+    fn times(self, inverse: Counted) -> Counted {
+        self * inverse
+    }
+}
+
+#[test]
+fn a_step_takes_the_operations_it_is_said_to() {
+    let n = Counted;
+    let mut fosb = Fosb::start(Gauss { mean: n(0.0), var: n(16.0) }, Gauss { mean: n(0.0), var: n(4.0) });
+    let noise = Noise::Speed { q11: n(0.1), q33: n(0.2) };
+    let mut walk = AlphaBeta::start(n(0.0), n(0.0));
+    let gains = Gains { alpha: n(0.3), beta_per_s: n(0.1) };
+    for _ in 0..3 {
+        COUNTS.set([0; 3]);
+        fosb.step(n(1.0), &noise, Gauss { mean: n(3.0), var: n(16.0) }).unwrap();
+        assert_eq!(COUNTS.get(), [12, 13, 1]);
+        COUNTS.set([0; 3]);
+        walk.step(n(1.0), n(3.0), &gains).unwrap();
+        assert_eq!(COUNTS.get(), [3, 4, 0]);
+    }
 }
 
 /// Largest deviation of location, in metres, from the same filter in `f64` over walks of 1000 steps, R = 16 m², q = 0.16 m²/s⁴.

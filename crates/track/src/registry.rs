@@ -17,9 +17,12 @@ use crate::spec::{
 };
 use crate::tracker::Tracker;
 use crate::trackers::LaggedMode;
+use crate::trackers::alpha_beta::{AlphaBeta, AlphaBetaAxis};
+use crate::trackers::axes::Axes;
 use crate::trackers::fixed_lag::FixedLag;
 use crate::trackers::fms::{Fms, FmsSpec, Window};
 use crate::trackers::fms_newton::FmsNewton;
+use crate::trackers::fosb::{FosbAxis, FosbRules};
 use crate::trackers::held::{Begin, Held, Options};
 use crate::trackers::kalman::Kalman;
 use crate::trackers::marginal::Marginal;
@@ -294,9 +297,33 @@ fn estimator<const N: usize>(
             };
             Box::new(Fms::new(model, shape, mode, held))
         }
+        EstimatorSpec::Fosb { .. } | EstimatorSpec::AlphaBeta { .. } => return two_states(spec, options),
         EstimatorSpec::Lmvf { .. } | EstimatorSpec::Lmmse | EstimatorSpec::Emvf { .. } | EstimatorSpec::Gpb1 => {
             return held(spec, model);
         }
+    })
+}
+
+/// A filter of location and speed that takes one axis at a time: of three sizes alone, and compiled for no other.
+fn two_states(spec: &Spec, options: &BuildOptions) -> Result<Box<dyn Tracker>, BuildError> {
+    match layout(spec).n() {
+        2 => axes::<2>(spec, options),
+        4 => axes::<4>(spec, options),
+        6 => axes::<6>(spec, options),
+        n => Err(fail(format!("has {n} states, expected location and speed of 1 to 3 axes"))),
+    }
+}
+
+fn axes<const N: usize>(spec: &Spec, options: &BuildOptions) -> Result<Box<dyn Tracker>, BuildError> {
+    let model = sized::<N>(spec, &Anchors::default())?;
+    Ok(match spec.estimator {
+        EstimatorSpec::Fosb { noise, speed_sd } => {
+            Box::new(Axes::<N, FosbAxis>::new(model, FosbRules { noise, speed_sd }, options.lagged))
+        }
+        EstimatorSpec::AlphaBeta { gains, interval_s } => {
+            Box::new(Axes::<N, AlphaBetaAxis>::new(model, AlphaBeta { gains, interval_s }, options.lagged))
+        }
+        _ => return Err(fail("has another estimator than `fosb` and `alpha-beta`".to_owned())),
     })
 }
 

@@ -12,8 +12,8 @@ use fixtrail_track::mat::Mat;
 use fixtrail_track::packet::{Content, Kind, Packet};
 use fixtrail_track::registry::{BuildOptions, build};
 use fixtrail_track::spec::{
-    Align, ArrivalSpec, Duplicates, EmvfVariant, EstimatorSpec, Hold, KinematicSpec, LinkSpec, ModeSpec, ModelSpec,
-    Prior, Receiver, Robust, SensorSpec, Span, Spec,
+    Align, ArrivalSpec, Duplicates, EmvfVariant, EstimatorSpec, FosbNoise, Hold, KinematicSpec, LinkSpec, ModeSpec,
+    ModelSpec, Prior, Receiver, Robust, SensorSpec, Span, Spec,
 };
 use fixtrail_track::tracker::Step;
 use fixtrail_track::trackers::LaggedMode;
@@ -136,6 +136,8 @@ fn trackers_of_positions_do_not_allocate() {
     let seconds = EstimatorSpec::Fms { window: Span::Seconds(1.5), lag: Span::Seconds(0.5), align: Align::Filtered };
     for estimator in [
         EstimatorSpec::Kalman,
+        EstimatorSpec::Fosb { noise: FosbNoise::Model, speed_sd: None },
+        EstimatorSpec::AlphaBeta { gains: None, interval_s: None },
         imm(),
         EstimatorSpec::Ufir { window: Span::Instants(12) },
         fms(12, 4, Align::Filtered),

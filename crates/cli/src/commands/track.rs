@@ -179,7 +179,8 @@ fn check_mode(spec: &SpecText, lagged: Option<Lagged>) -> Result<(), Failure> {
         return Ok(());
     }
     Err(Failure::Bad(format!(
-        "{}: `estimator.kind` is \"{}\", which has no smoother: `--lagged` expects \"rts\", \"fixed-lag-kalman\" or \"fms\"",
+        "{}: `estimator.kind` is \"{}\", which has no smoother: `--lagged` expects \"rts\", \"fixed-lag-kalman\", \"fms\" \
+         or \"fosb\"",
         spec.name().display(),
         estimator.name()
     )))

@@ -9,8 +9,8 @@
 //! refined speed of k: mean s', variance Vs' − Q33                      known D late                 step 11
 //! ```
 //!
-//! This is a gain form of the paper's steps 5 to 11: 10 multiplications, 9 additions and a division, beside what gaps and checks take. Every
-//! variance is a sum or a product of positive numbers, so none loses digits or its sign, in `f32` and in fixed point too. The literal steps
+//! This is a gain form of the paper's steps 5 to 11: 10 multiplications, 9 additions and a division; 12, 13 and 1 with what gaps and the checks
+//! of range take. Every variance is a sum or a product of positive numbers, so none loses digits or its sign, in `f32` and in fixed point too. The literal steps
 //! divide by D² and overflow there. Errata of the paper: `docs/equations.md`.
 //!
 //! It is the Kalman filter of the two states whose covariance of location and speed is set to 0 after every update, and whose noises have no
@@ -232,7 +232,8 @@ impl<T: Scalar> Fosb<T> {
         next.rest = next.rest + q11;
         next.fresh = q33;
         next.location = self.location + dt * self.speed;
-        next.check()
+        check(next.location(), next.speed())?;
+        Ok(next)
     }
 
     fn updated(&self, z: Gauss<T>) -> Result<(Self, Step<T>), StepError> {
@@ -250,32 +251,28 @@ impl<T: Scalar> Fosb<T> {
         let location = Gauss { mean: self.location + p * e, var: z.var * p.times(inverse) };
         let speed = self.speed + t * e;
         let refined = Gauss { mean: speed, var: self.speed_var * (self.rest + z.var).times(inverse) };
-        let var = refined.var + self.fresh;
-        let next =
-            Fosb { location: location.mean, rest: location.var, speed, speed_var: var, fresh: T::ZERO, reach: T::ZERO }
-                .check()?;
+        let ahead = Gauss { mean: speed, var: refined.var + self.fresh };
+        check(location, ahead)?;
         let step = Step {
             location,
-            speed: Gauss { mean: speed, var },
+            speed: ahead,
             // No interval since the last update: no epoch lies before.
             refined: (self.reach > T::ZERO).then_some(refined),
             predicted: Gauss { mean: self.location, var: p },
             innovation: Gauss { mean: nu, var: s },
         };
-        Ok((next, step))
+        Ok((Self::start(location, ahead), step))
     }
+}
 
-    fn check(self) -> Result<Self, StepError> {
-        let known = self.location();
+/// Checks that location and speed are within the range of numbers.
+fn check<T: Scalar>(location: Gauss<T>, speed: Gauss<T>) -> Result<(), StepError> {
+    for (component, known) in [location, speed].into_iter().enumerate() {
         if !(known.mean.is_finite() && known.var.is_finite()) {
-            return Err(StepError::NotFinite { component: 0 });
+            return Err(StepError::NotFinite { component });
         }
-        let speed = self.speed();
-        if !(speed.mean.is_finite() && speed.var.is_finite()) {
-            return Err(StepError::NotFinite { component: 1 });
-        }
-        Ok(self)
     }
+    Ok(())
 }
 
 /// Checks that an interval is positive and finite.

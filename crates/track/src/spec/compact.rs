@@ -1,7 +1,7 @@
 //! Estimators in a compact form, `fms:window=15,lag=5`: the same keys and checks as `[estimator]`.
 
 use super::value::{Node, Table};
-use super::{Align, EmvfVariant, EstimatorSpec, Span, Spec, estimator, link};
+use super::{Align, EmvfVariant, EstimatorSpec, FosbNoise, Span, Spec, estimator, link};
 use crate::error::BuildError;
 use std::path::Path;
 
@@ -108,6 +108,23 @@ impl EstimatorSpec {
                 out.extend(range_mixture.then(|| ("range_mixture", "true".to_owned())));
                 out
             }
+            EstimatorSpec::Fosb { noise, speed_sd } => {
+                let mut out = match noise {
+                    FosbNoise::Model => Vec::new(),
+                    FosbNoise::Speed { q11, q33 } => vec![("q11", q11.to_string()), ("q33", q33.to_string())],
+                    FosbNoise::Acceleration { q } => vec![("q", q.to_string())],
+                };
+                out.extend(speed_sd.map(|sd| ("speed_sd", sd.to_string())));
+                out
+            }
+            EstimatorSpec::AlphaBeta { gains, interval_s } => {
+                let mut out: Vec<_> = gains
+                    .into_iter()
+                    .flat_map(|[alpha, beta]| [("alpha", alpha.to_string()), ("beta", beta.to_string())])
+                    .collect();
+                out.extend(interval_s.map(|s| ("interval_s", s.to_string())));
+                out
+            }
             _ => Vec::new(),
         }
     }
@@ -161,6 +178,24 @@ mod tests {
             let made = own.with_estimator(text, "--estimators").unwrap();
             assert_eq!(made.estimator.compact(), expected);
             assert_eq!(made.with_estimator(expected, "--estimators").unwrap(), made);
+        }
+    }
+
+    #[test]
+    fn filters_of_two_states_have_a_compact_form() {
+        let own = spec(&RANGES.replace("range", "position"));
+        for text in [
+            "fosb",
+            "fosb:q=0.16,speed_sd=2",
+            "fosb:q11=0.16,q33=0.25",
+            "alpha-beta",
+            "alpha-beta:alpha=0.5,beta=0.1,interval_s=0.5",
+        ] {
+            let made = own.with_estimator(text, "--estimators").unwrap();
+            assert_eq!(made.estimator.compact(), text);
+            assert_eq!(made.with_estimator(text, "--estimators").unwrap(), made);
+            // What is left out comes from the spec.
+            assert_eq!(made.with_estimator(made.estimator.name(), "--estimators").unwrap(), made);
         }
     }
 

@@ -1,9 +1,9 @@
 //! `[estimator]`: what estimates the targets.
 
 use super::model::{DENSITY, densities};
-use super::names::{ALIGNMENTS, ESTIMATORS, LATER_ESTIMATORS, VARIANTS, choose, list};
+use super::names::{ALIGNMENTS, ESTIMATORS, VARIANTS, choose, list};
 use super::value::{Field, Table};
-use super::{Align, EmvfVariant, EstimatorSpec, ModeSpec, ModelSpec, SensorSpec, Span};
+use super::{Align, EmvfVariant, EstimatorSpec, FosbNoise, ModeSpec, ModelSpec, Robust, SensorSpec, Span};
 use crate::error::BuildError;
 use crate::packet::Kind;
 use fixtrail_core::models::MOST_MODES;
@@ -23,7 +23,7 @@ pub(super) fn estimator(
     sensors: &[SensorSpec],
 ) -> Result<EstimatorSpec, BuildError> {
     let field = table.require("kind", &format!("one of {}", list(ESTIMATORS.iter().map(|(name, _)| *name))))?;
-    let kind = choose(&field, ESTIMATORS, LATER_ESTIMATORS)?;
+    let kind = choose(&field, ESTIMATORS, &[])?;
     let keys: &[&str] = match kind {
         "fixed-lag-kalman" => &["kind", "lag", "lag_s"],
         "fms" => &["kind", "window", "window_s", "lag", "lag_s", "align"],
@@ -31,6 +31,8 @@ pub(super) fn estimator(
         "lmvf" => &["kind", "square_root"],
         "emvf" => &["kind", "variant", "range_mixture"],
         "imm" => &["kind", "mode"],
+        "fosb" => &["kind", "q", "q11", "q33", "speed_sd"],
+        "alpha-beta" => &["kind", "alpha", "beta", "interval_s"],
         _ => &["kind"],
     };
     table.only(&format!("the estimator `{kind}`"), keys, &[])?;
@@ -45,6 +47,11 @@ pub(super) fn estimator(
             field.error(format!("is {kind:?}, which is for linear models and sensors, but {bent}, expected {instead}"))
         );
     }
+    if let ("fosb" | "alpha-beta", Some((what, instead))) = (kind, of_two_states(kind, model, sensors)) {
+        return Err(field.error(format!(
+            "is {kind:?}, which is for constant velocity and positions, each axis by itself, but {what}, expected {instead}"
+        )));
+    }
     Ok(match kind {
         "kalman" => EstimatorSpec::Kalman,
         "ekf" => EstimatorSpec::Ekf,
@@ -55,6 +62,8 @@ pub(super) fn estimator(
         "lmmse" => EstimatorSpec::Lmmse,
         "gpb1" => EstimatorSpec::Gpb1,
         "imm" => EstimatorSpec::Imm { modes: modes(table, &field, model)? },
+        "fosb" => EstimatorSpec::Fosb { noise: fosb_noise(table)?, speed_sd: optional(table, "speed_sd", SPEED)? },
+        "alpha-beta" => alpha_beta(table, &field, model)?,
         "emvf" => EstimatorSpec::Emvf { variant: variant(table)?, range_mixture: flag(table, "range_mixture")? },
         _ => fms(table)?,
     })
@@ -134,6 +143,78 @@ fn bent(model: &ModelSpec, sensors: &[SensorSpec]) -> Option<&'static str> {
     }
     let position = |sensor: &SensorSpec| sensor.kind == Kind::Position;
     (!sensors.iter().all(position)).then_some("`sensor.kind` is \"range\"")
+}
+
+/// Why `model` and `sensors` are not what the estimator `kind` takes, location and speed of each axis by itself, and what to do instead.
+fn of_two_states(kind: &str, model: &ModelSpec, sensors: &[SensorSpec]) -> Option<(&'static str, &'static str)> {
+    let ModelSpec::Kinematic(kinematic) = model else {
+        return Some(match model {
+            ModelSpec::Linear(_) => ("the model gives matrices per step", "`kalman`"),
+            _ => ("the model is another", "`ekf`, or `model.kind` \"constant-velocity\""),
+        });
+    };
+    if kinematic.order != 2 {
+        return Some((
+            "the model has another number of derivatives",
+            "`kalman`, or `model.kind` \"constant-velocity\"",
+        ));
+    }
+    if sensors.iter().any(|s| s.kind != Kind::Position) {
+        return Some(("`sensor.kind` is another", "`ekf`"));
+    }
+    if sensors.iter().any(|s| s.robust != Robust::None) {
+        return Some(("`sensor.robust` judges fixes by a variance, which this filter does not know well", "`kalman`"));
+    }
+    let prior = kinematic.prior.as_ref()?;
+    let n = kinematic.axes;
+    let correlated = |i: usize, j: usize| i != j && prior.cov.at(i, j) != 0.0 && (kind == "fosb" || i % n != j % n);
+    let any = (0..2 * n).any(|i| (0..2 * n).any(|j| correlated(i, j)));
+    any.then_some(("`model.P0` has covariances that it does not keep", "`kalman`, or a diagonal `P0`"))
+}
+
+const SPEED: &str = "a standard deviation in m/s, a finite number from 1e-9";
+
+fn optional(table: &Table<'_>, key: &str, expected: &str) -> Result<Option<f64>, BuildError> {
+    table.get(key).map(|field| field.number(expected, |v| v >= 1e-9)).transpose()
+}
+
+fn fosb_noise(table: &Table<'_>) -> Result<FosbNoise, BuildError> {
+    let variance = |field: &Field<'_>, unit: &str| {
+        field.number(&format!("a variance in {unit}, a finite number of at least 0"), |v| v >= 0.0)
+    };
+    let both = "`q11` and `q33`, the variances of location and speed per instant, together";
+    match (table.get("q"), table.get("q11"), table.get("q33")) {
+        (None, None, None) => Ok(FosbNoise::Model),
+        (Some(q), None, None) => Ok(FosbNoise::Acceleration { q: variance(&q, "m²/s⁴")? }),
+        (Some(q), _, _) => {
+            Err(q.error(format!("is {} beside `q11` or `q33`, expected only one of the two kinds of noise", q.shown())))
+        }
+        (None, Some(q11), Some(q33)) => {
+            Ok(FosbNoise::Speed { q11: variance(&q11, "m²")?, q33: variance(&q33, "m²/s²")? })
+        }
+        (None, Some(_), None) => Err(table.missing("q33", both)),
+        (None, None, Some(_)) => Err(table.missing("q11", both)),
+    }
+}
+
+fn alpha_beta(table: &Table<'_>, kind: &Field<'_>, model: &ModelSpec) -> Result<EstimatorSpec, BuildError> {
+    let interval_s = optional(table, "interval_s", "seconds between fixes, a finite number from 1e-9")?;
+    let expected = "a positive number with 2 `alpha` + `beta` below 4: other gains let errors grow";
+    let gains = match (table.get("alpha"), table.get("beta")) {
+        (None, None) => None,
+        (Some(alpha), Some(field)) => {
+            let alpha = alpha.number(expected, |v| v > 0.0 && v < 2.0)?;
+            Some([alpha, field.number(expected, |v| v > 0.0 && 2.0 * alpha + v < 4.0)?])
+        }
+        (Some(_), None) => return Err(table.missing("beta", "the gain of the speed beside `alpha`")),
+        (None, Some(_)) => return Err(table.missing("alpha", "the gain of the location beside `beta`")),
+    };
+    let still = matches!(model, ModelSpec::Kinematic(m) if m.noise.contains(&0.0));
+    if gains.is_none() && still {
+        let what = "is \"alpha-beta\", whose gains at a `model.noise` of 0 are 0, expected `alpha` and `beta`, noise above 0, or `kalman`";
+        return Err(kind.error(what));
+    }
+    Ok(EstimatorSpec::AlphaBeta { gains, interval_s })
 }
 
 /// The two keys of a span.

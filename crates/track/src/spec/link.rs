@@ -65,10 +65,15 @@ pub(super) fn suits(
     estimator: &EstimatorSpec,
     model: &ModelSpec,
 ) -> Result<(), BuildError> {
-    if let (EstimatorSpec::Imm { .. }, Receiver::Unstamped { .. }) = (estimator, link.receiver) {
-        let what = "is \"imm\", which needs to know when values were sensed, expected `stamped = true` in `[link]`, or `gpb1` for a link \
-                    without time stamps";
-        return Err(at(root, "estimator", "kind", what.to_owned()));
+    let timed =
+        matches!(estimator, EstimatorSpec::Imm { .. } | EstimatorSpec::Fosb { .. } | EstimatorSpec::AlphaBeta { .. });
+    if let (true, Receiver::Unstamped { .. }) = (timed, link.receiver) {
+        let what = format!(
+            "is {:?}, which needs to know when values were sensed, expected `stamped = true` in `[link]`, or `gpb1` for a link without \
+             time stamps",
+            estimator.name()
+        );
+        return Err(at(root, "estimator", "kind", what));
     }
     if !estimator.is_for_held() {
         return Ok(());

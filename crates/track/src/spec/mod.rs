@@ -258,6 +258,40 @@ pub enum EstimatorSpec {
         /// `mode`: 2 to 4 of them, the first places taken.
         modes: [Option<ModeSpec>; MOST_MODES],
     },
+    /// `fosb`: constant velocity and positions only.
+    Fosb {
+        /// `q`, or `q11` and `q33`.
+        noise: FosbNoise,
+        /// `speed_sd`: how far a first speed of 0 may be off; none: nothing is known of it.
+        speed_sd: Option<f64>,
+    },
+    /// `alpha-beta`: constant velocity and positions only.
+    AlphaBeta {
+        /// `alpha` and `beta`; none: those that a Kalman filter settles at.
+        gains: Option<[f64; 2]>,
+        /// `interval_s`: the interval that gains are for; none: the actual one.
+        interval_s: Option<f64>,
+    },
+}
+
+/// What moves the speed of `fosb`.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub enum FosbNoise {
+    /// The model's own noise over the interval.
+    #[default]
+    Model,
+    /// `q11`, `q33`: variances per instant, whatever the interval.
+    Speed {
+        /// Of the location, m².
+        q11: f64,
+        /// Of the speed, m²/s².
+        q33: f64,
+    },
+    /// `q`: variance of an acceleration that holds over an interval, m²/s⁴.
+    Acceleration {
+        /// The variance.
+        q: f64,
+    },
 }
 
 /// One of `[[estimator.mode]]`: how a target moves for a while.
@@ -378,9 +412,15 @@ impl EstimatorSpec {
         )
     }
 
-    /// Whether the estimator has a smoother's half.
+    /// Whether the estimator has a smoother's half; that of `fosb` is the speed of the instant before.
     pub fn has_smoother(&self) -> bool {
-        matches!(self, EstimatorSpec::Rts | EstimatorSpec::FixedLagKalman { .. } | EstimatorSpec::Fms { .. })
+        matches!(
+            self,
+            EstimatorSpec::Rts
+                | EstimatorSpec::FixedLagKalman { .. }
+                | EstimatorSpec::Fms { .. }
+                | EstimatorSpec::Fosb { .. }
+        )
     }
 
     /// The name that specs use.
@@ -397,6 +437,8 @@ impl EstimatorSpec {
             EstimatorSpec::Emvf { .. } => "emvf",
             EstimatorSpec::Gpb1 => "gpb1",
             EstimatorSpec::Imm { .. } => "imm",
+            EstimatorSpec::Fosb { .. } => "fosb",
+            EstimatorSpec::AlphaBeta { .. } => "alpha-beta",
         }
     }
 }

@@ -1,8 +1,11 @@
 //! One file per family of estimators: what each emits, and when.
 
+pub mod alpha_beta;
+pub mod axes;
 pub mod fixed_lag;
 pub mod fms;
 pub mod fms_newton;
+pub mod fosb;
 pub mod held;
 pub mod kalman;
 pub mod marginal;

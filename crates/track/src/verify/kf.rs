@@ -95,12 +95,12 @@ pub(super) fn filter_quantities(
     Ok(out)
 }
 
-fn tolerance(root: &Json<'_>) -> Result<f64, BuildError> {
+pub(super) fn tolerance(root: &Json<'_>) -> Result<f64, BuildError> {
     root.get("suggested_tolerance")?.get("rel")?.number()
 }
 
 /// Covariance of (position, speed) over an interval.
-fn two_state_noise(model: &Json<'_>, dt_s: f64) -> Result<[f64; 3], BuildError> {
+pub(super) fn two_state_noise(model: &Json<'_>, dt_s: f64) -> Result<[f64; 3], BuildError> {
     match model.get("type")?.text()? {
         "speed_noise" => Ok([model.get("Q11")?.number()?, 0.0, model.get("Q33")?.number()?]),
         "accel_noise" => {

@@ -1,6 +1,7 @@
 //! Conformance: runs a file of vectors computed by independent code through the library and compares.
 
 mod fms;
+mod fosb;
 mod json;
 mod kf;
 mod mvf;
@@ -62,6 +63,18 @@ pub fn verify(text: &str, file: &Path) -> Result<FileVerdict, BuildError> {
     let named = |key: &str| root.value.get(key).and_then(|v| v.as_str()).map(str::to_owned);
     let (kind, quantities) = match (named("format"), named("schema"), named("kind")) {
         (Some(format), _, _) if format == "fms-golden-1" => (format, fms::quantities(&root)?),
+        (_, Some(schema), Some(kind)) if schema == "fosb-golden/1" && kind == "fosb" => {
+            (format!("{schema} {kind}"), fosb::runs(&root)?)
+        }
+        (_, Some(schema), Some(kind)) if schema == "fosb-golden/1" && kind == "fosb_literal_init" => {
+            (format!("{schema} {kind}"), fosb::literal(&root)?)
+        }
+        (_, Some(schema), Some(kind)) if schema == "fosb-golden/1" && kind == "steady_state" => {
+            (format!("{schema} {kind}"), fosb::steady_states(&root)?)
+        }
+        (_, Some(schema), Some(kind)) if schema == "fosb-golden/1" && kind == "statistics" => {
+            (format!("{schema} {kind}"), fosb::statistics(&root)?)
+        }
         (_, Some(schema), Some(kind)) if schema == "fosb-golden/1" && kind == "kf2_rts_lag1" => {
             (format!("{schema} {kind}"), kf::two_state(&root)?)
         }
@@ -94,8 +107,9 @@ pub fn verify(text: &str, file: &Path) -> Result<FileVerdict, BuildError> {
                 named => format!("{} is not understood", named.join(", ")),
             };
             let what = format!(
-                "{found}, expected format `fms-golden-1`, schema `fosb-golden/1` of kind `kf2_rts_lag1`, `kf4`, `lateration`, `tdoa`, \
-                 `rss_ml` or `rss_to_range`, or kind `linear`, `emvf`, `scheduler` or `ct`"
+                "{found}, expected format `fms-golden-1`, schema `fosb-golden/1` of kind `fosb`, `fosb_literal_init`, `steady_state`, \
+                 `statistics`, `kf2_rts_lag1`, `kf4`, `lateration`, `tdoa`, `rss_ml` or `rss_to_range`, or kind `linear`, `emvf`, \
+                 `scheduler` or `ct`"
             );
             return Err(BuildError::new(file, None, None, what));
         }

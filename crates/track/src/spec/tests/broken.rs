@@ -45,6 +45,11 @@ fn after(lines: &str, line: u64, key: &'static str, says: &'static [&'static str
     spec(format!("{KINEMATIC}{POSITION}{lines}"), line, key, says)
 }
 
+/// A good model and sensor, then from line 9 the estimator's `keys` under test.
+fn own(estimator: &str, keys: &str, key: &'static str, says: &'static [&'static str]) -> Broken {
+    after(&format!("[estimator]\nkind = {estimator:?}\n{keys}"), 9, key, says)
+}
+
 /// A good model and sensor, then on line 9 a good mode of `imm` and one with `keys` under test.
 fn mode(keys: &str, key: &'static str, says: &'static [&'static str]) -> Broken {
     after(&format!("[estimator]\nkind = \"imm\"\nmode = [{{ mean_s = 2 }}, {{ {keys} }}]"), 9, key, says)
@@ -229,7 +234,80 @@ fn estimators() -> Vec<Broken> {
             "estimator.kind",
             &["is \"kalmn\"", "`ufir`", "did you mean `kalman`?"],
         ),
-        after("[estimator]\nkind = \"fosb\"", 8, "estimator.kind", &["is \"fosb\"", "not available yet", "`fms`"]),
+        spec(
+            format!("{}{POSITION}[estimator]\nkind = \"fosb\"", KINEMATIC.replace("velocity", "acceleration")),
+            8,
+            "estimator.kind",
+            &["is \"fosb\"", "constant velocity and positions", "number of derivatives", "`kalman`"],
+        ),
+        spec(
+            "[model]\nkind = \"fms-paper\"\n[estimator]\nkind = \"alpha-beta\"",
+            4,
+            "estimator.kind",
+            &["is \"alpha-beta\"", "the model gives matrices", "`kalman`"],
+        ),
+        sensor(
+            "[sensor]\nkind = \"range\"\nsd = 1\n[estimator]\nkind = \"fosb\"",
+            8,
+            "estimator.kind",
+            &["is \"fosb\"", "`sensor.kind` is another", "expected `ekf`"],
+        ),
+        sensor(
+            "[sensor]\nkind = \"position\"\nsd = 1\nrobust = \"gate\"\n[estimator]\nkind = \"fosb\"",
+            9,
+            "estimator.kind",
+            &["is \"fosb\"", "`sensor.robust`", "expected `kalman`"],
+        ),
+        spec(
+            format!(
+                "{KINEMATIC}axes = 1\nx0 = [0, 0]\nP0 = [[1, 0.5], [0.5, 1]]\n{POSITION}[estimator]\nkind = \"fosb\""
+            ),
+            11,
+            "estimator.kind",
+            &["is \"fosb\"", "`model.P0` has covariances", "a diagonal `P0`"],
+        ),
+        spec(
+            format!(
+                "{KINEMATIC}x0 = [0, 0, 0, 0]\nP0 = [[1, 0, 0, 0.1], [0, 1, 0, 0], [0, 0, 1, 0], [0.1, 0, 0, 1]]\n{POSITION}\
+                 [estimator]\nkind = \"alpha-beta\""
+            ),
+            10,
+            "estimator.kind",
+            &["is \"alpha-beta\"", "`model.P0` has covariances"],
+        ),
+        after(
+            "[estimator]\nkind = \"fosb\"\n[link]\nstamped = false",
+            8,
+            "estimator.kind",
+            &["is \"fosb\"", "when values were sensed", "`stamped = true`"],
+        ),
+        own("fosb", "alpha = 1", "estimator.alpha", &["not a key of the estimator `fosb`", "`q33`"]),
+        own("fosb", "q = -1", "estimator.q", &["is -1", "a variance in m²/s⁴"]),
+        own("fosb", "q = 1\nq33 = 1", "estimator.q", &["is 1 beside `q11` or `q33`", "only one"]),
+        after("[estimator]\nkind = \"fosb\"\nq11 = 1", 7, "estimator.q33", &["is missing", "together"]),
+        after("[estimator]\nkind = \"fosb\"\nq33 = 1", 7, "estimator.q11", &["is missing", "together"]),
+        own("fosb", "speed_sd = 0", "estimator.speed_sd", &["is 0", "a standard deviation in m/s"]),
+        after(
+            "[estimator]\nkind = \"alpha-beta\"\nalpha = 0.5",
+            7,
+            "estimator.beta",
+            &["is missing", "beside `alpha`"],
+        ),
+        after("[estimator]\nkind = \"alpha-beta\"\nbeta = 0.5", 7, "estimator.alpha", &["is missing", "beside `beta`"]),
+        own(
+            "alpha-beta",
+            "beta = 1 # too steep\nalpha = 1.5",
+            "estimator.beta",
+            &["is 1", "2 `alpha` + `beta` below 4"],
+        ),
+        own("alpha-beta", "alpha = 0\nbeta = 1", "estimator.alpha", &["is 0", "a positive number"]),
+        own("alpha-beta", "interval_s = 0", "estimator.interval_s", &["is 0", "seconds between fixes"]),
+        spec(
+            format!("{}{POSITION}[estimator]\nkind = \"alpha-beta\"", KINEMATIC.replace("0.5", "0")),
+            8,
+            "estimator.kind",
+            &["is \"alpha-beta\"", "`model.noise` of 0", "`alpha` and `beta`"],
+        ),
         spec(
             "[model]\nkind = \"fms-paper\"\n[estimator]\nkind = \"imm\"",
             4,
