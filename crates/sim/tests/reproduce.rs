@@ -2,6 +2,7 @@
 //! deviations of its experiments are given with each), and their independence from threads.
 
 use fixtrail_sim::papers::{Account, Effort, Entry, Measured, Paper, Printed, Verdict};
+use std::sync::LazyLock;
 
 const QUICK: Effort = Effort { runs: None, quick: true, seed: 1 };
 
@@ -22,9 +23,8 @@ impl Other {
     }
 }
 
-fn account(paper: Paper) -> Account {
-    paper.account(&QUICK, &|| {})
-}
+static FMS: LazyLock<Account> = LazyLock::new(|| Paper::Fms.account(&QUICK, &|| {}));
+static FOSB: LazyLock<Account> = LazyLock::new(|| Paper::Fosb.account(&QUICK, &|| {}));
 
 fn entry<'a>(account: &'a Account, what: &str) -> &'a Entry {
     let is = |e: &&Entry| match &e.printed {
@@ -50,7 +50,6 @@ fn agree(what: &str, ours: &Measured, other: Other) {
 
 #[test]
 fn table_2_of_the_finite_memory_paper_agrees_with_an_independent_implementation() {
-    let account = account(Paper::Fms);
     // 20 experiments of 30 runs of 800 steps.
     let of_mean = [
         ("FMS smoother", [0.0060, 0.0059, 0.0059], [0.0002, 0.0002, 0.0002]),
@@ -61,14 +60,14 @@ fn table_2_of_the_finite_memory_paper_agrees_with_an_independent_implementation(
         for (i, shape) in ["step", "ramp", "triangle"].into_iter().enumerate() {
             let what = format!("position error, {estimator}, {shape}, m");
             let other = Other { mean: means[i], spread: spreads[i], experiments: 20.0, digits: 4 };
-            agree(&what, reading(entry(&account, &what)), other);
+            agree(&what, reading(entry(&FMS, &what)), other);
         }
     }
     // Theirs is analytic; the shape is one draw of many.
     for (estimator, mean) in [("FMS smoother", 0.0060), ("FMS filter", 0.0445), ("Kalman filter", 0.0482)] {
         let what = format!("position error, {estimator}, random, m");
-        let spread = reading(entry(&account, &what)).spread;
-        agree(&what, reading(entry(&account, &what)), Other { mean, spread, experiments: 1.0, digits: 4 });
+        let spread = reading(entry(&FMS, &what)).spread;
+        agree(&what, reading(entry(&FMS, &what)), Other { mean, spread, experiments: 1.0, digits: 4 });
     }
     // The letter of the text; their spread is not on record, that of ours stands for it.
     let rms = [
@@ -79,7 +78,7 @@ fn table_2_of_the_finite_memory_paper_agrees_with_an_independent_implementation(
     for (estimator, means, digits) in rms {
         for (i, shape) in ["step", "ramp", "triangle"].into_iter().enumerate() {
             let what = format!("position error, {estimator}, {shape}, m");
-            let ours = literal(entry(&account, &what));
+            let ours = literal(entry(&FMS, &what));
             agree(&what, ours, Other { mean: means[i], spread: ours.spread, experiments: 20.0, digits });
         }
     }
@@ -87,17 +86,16 @@ fn table_2_of_the_finite_memory_paper_agrees_with_an_independent_implementation(
 
 #[test]
 fn claims_of_the_finite_memory_paper_come_out_as_the_independent_implementation_has_them() {
-    let account = account(Paper::Fms);
     // Root mean square error after a jump of 0.2 m/s²: 0.346 m against 0.360 m, from some hundred runs.
-    let after = entry(&account, "FMS filter outperforms Kalman filter when the acceleration suddenly changes, step");
+    let after = entry(&FMS, "FMS filter outperforms Kalman filter when the acceleration suddenly changes, step");
     agree("after a jump", literal(after), Other { mean: 0.346 / 0.360, spread: 0.0, experiments: 1.0, digits: 2 });
     assert_eq!(after.verdict, Verdict::Reproduced);
-    let converges = entry(&account, "at constant acceleration the error of the FMS filter converges much faster");
+    let converges = entry(&FMS, "at constant acceleration the error of the FMS filter converges much faster");
     assert_eq!(literal(converges).mean, 15.0);
     assert!(converges.reason.contains("the Kalman filter's after 57"), "{}", converges.reason);
     let deviations = [("FMS smoother", 0.04128), ("FMS filter", 0.27582), ("Kalman filter", 0.2745)];
     for (estimator, sd) in deviations {
-        let bound = entry(&account, &format!("position error, {estimator}, step, m")).bound.clone().expect("a bound");
+        let bound = entry(&FMS, &format!("position error, {estimator}, step, m")).bound.clone().expect("a bound");
         assert!((bound.value - sd).abs() < 6e-5, "{estimator}: {}", bound.value);
     }
     for (claim, verdict) in [
@@ -108,13 +106,12 @@ fn claims_of_the_finite_memory_paper_come_out_as_the_independent_implementation_
         ("one gain serves all windows (time-invariance)", Verdict::Reproduced),
         ("flops of the fixed-lag Kalman smoother, 4n³ + 8n² + 6n + 1", Verdict::NotReproducible),
     ] {
-        assert_eq!(entry(&account, claim).verdict, verdict, "{claim}");
+        assert_eq!(entry(&FMS, claim).verdict, verdict, "{claim}");
     }
 }
 
 #[test]
 fn error_distances_of_the_fosb_paper_agree_with_an_independent_implementation() {
-    let account = account(Paper::Fosb);
     let estimators = ["no tracking", "Kalman filter", "FOSB"];
     // 400 runs of 10 000 samples (path 3: 200); the spread of theirs is that of ours.
     let letter = |e: &Entry| *literal(e);
@@ -129,7 +126,7 @@ fn error_distances_of_the_fosb_paper_agree_with_an_independent_implementation() 
     for (path, of, means, experiments) in rows {
         for (i, mean) in means.into_iter().enumerate() {
             let what = format!("{path}, {}, {} % of errors below, m", estimators[i / 2], [90, 60][i % 2]);
-            let ours = of(entry(&account, &what));
+            let ours = of(entry(&FOSB, &what));
             agree(&what, &ours, Other { mean, spread: ours.spread, experiments, digits: 2 });
         }
     }
@@ -137,9 +134,8 @@ fn error_distances_of_the_fosb_paper_agree_with_an_independent_implementation() 
 
 #[test]
 fn claims_of_the_fosb_paper_come_out_as_the_independent_implementation_has_them() {
-    let account = account(Paper::Fosb);
     let near = |claim: &str, value: f64, tolerance: f64| {
-        let ours = literal(entry(&account, claim)).mean;
+        let ours = literal(entry(&FOSB, claim)).mean;
         assert!((ours - value).abs() < tolerance, "{claim}: {ours}, expected {value}");
     };
     near("FOSB is slightly better than the Kalman filter, path 1", 0.9735, 0.004);
@@ -148,11 +144,11 @@ fn claims_of_the_fosb_paper_come_out_as_the_independent_implementation_has_them(
     // The first variance of theirs is not on record: 0.3 %.
     near("the speed estimate of step 11", 382.0, 1.5);
     near("its oscillation comes from its being non-causal", 0.14, 0.01);
-    let start = entry(&account, "too short a Δ slows the initial convergence of FOSB");
+    let start = entry(&FOSB, "too short a Δ slows the initial convergence of FOSB");
     assert!((literal(start).mean - 19.0 / 5.3).abs() < 0.2, "{}", start.reason);
     assert!(start.reason.contains("takes 32 s"), "{}", start.reason);
     // The peak after a wall is 9 % higher, 2.82 m against 2.58 m, over 1000 runs of 500 samples.
-    let peak = entry(&account, "its corner effect (the peaks) is slightly larger");
+    let peak = entry(&FOSB, "its corner effect (the peaks) is slightly larger");
     assert!((reading(peak).mean - 2.82 / 2.58).abs() < 0.02, "{}", reading(peak));
     for (claim, verdict) in [
         ("the two filters become alike as Δ decreases, path 1", Verdict::Reproduced),
@@ -163,7 +159,7 @@ fn claims_of_the_fosb_paper_come_out_as_the_independent_implementation_has_them(
         ("a smaller Δ gives smaller errors, path 2", Verdict::Reproduced),
         ("the smaller σ gives larger errors", Verdict::NotReproducible),
     ] {
-        assert_eq!(entry(&account, claim).verdict, verdict, "{claim}");
+        assert_eq!(entry(&FOSB, claim).verdict, verdict, "{claim}");
     }
 }
 

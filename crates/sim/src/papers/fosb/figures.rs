@@ -2,7 +2,8 @@
 
 use super::claims::Response;
 use super::experiment::{ESTIMATORS, Filters, Heading, Setting, Target, distances, quantile, run};
-use crate::papers::{Curve, Effort, Figure, FigureKind};
+use crate::papers::{Curve, Effort, Figure, FigureKind, normal};
+use fixtrail_core::estimators::fosb::Noise;
 use std::f64::consts::TAU;
 
 /// Points of a distribution.
@@ -19,7 +20,7 @@ pub fn figures(effort: &Effort) -> Vec<Figure> {
         distribution(effort, "Figure 6", "path 2", &[0.1, 1.0, 4.0], Setting::second),
         start(),
     ];
-    out.extend(accelerating());
+    out.extend(accelerating(effort));
     out.push(distribution(effort, "Figure 9a", "path 3, reflected at the walls", &[1.0, 2.0], |dt| {
         Setting::third(dt, Heading::Reflected)
     }));
@@ -78,13 +79,13 @@ fn start() -> Figure {
 }
 
 /// Figure 8 for a trajectory of our own.
-fn accelerating() -> Vec<Figure> {
+fn accelerating(effort: &Effort) -> Vec<Figure> {
     let (dt, amplitude, omega): (f64, f64, f64) = (0.1, 0.2, TAU / 50.0);
-    let noise = |sigma: f64| fixtrail_core::estimators::fosb::Noise::Acceleration { q: sigma * sigma };
+    let noise = |sigma: f64| Noise::Acceleration { q: sigma * sigma };
     let mut curves: Vec<Vec<Curve>> = vec![Vec::new(); 2];
     for (sigma, name) in [(0.1, "σ = 0.1"), (1.0, "σ = 1")] {
         let setting = Setting { noise: noise(sigma), r: 9.0, ..Setting::second(dt) };
-        let mut rng = super::stream(&Effort { runs: None, quick: false, seed: 1 }, 40, 0);
+        let mut rng = super::stream(effort, 40, 0);
         let truth = |k: usize| {
             let phase = omega * dt * k as f64;
             [-amplitude / (omega * omega) * phase.sin(), -amplitude / omega * phase.cos()]
@@ -92,7 +93,7 @@ fn accelerating() -> Vec<Figure> {
         let mut filters = Filters::start(&setting, [truth(0)[0]; 2], [truth(0)[1]; 2], sigma * sigma);
         let (mut location, mut speed) = (Vec::new(), Vec::new());
         for k in 1..1000 {
-            let z = truth(k)[0] + 3.0 * crate::papers::normal(&mut rng);
+            let z = truth(k)[0] + 3.0 * normal(&mut rng);
             filters.step([z; 2]);
             location.push([dt * k as f64, filters.locations()[0][0] - truth(k)[0]]);
             speed.push([dt * k as f64, filters.speeds()[0][0] - truth(k)[1]]);
@@ -128,7 +129,7 @@ fn along_the_way(effort: &Effort) -> Figure {
     for _ in 0..runs {
         let mut filters: Option<Filters> = None;
         for (target, square) in way.iter().zip(&mut squares) {
-            let z = target.location.map(|x| x + setting.r.sqrt() * crate::papers::normal(&mut rng));
+            let z = target.location.map(|x| x + setting.r.sqrt() * normal(&mut rng));
             let filters = match &mut filters {
                 Some(filters) => {
                     filters.step(z);
