@@ -4,7 +4,7 @@ use crate::charts::{extent, figure, series_class};
 use crate::format::{count, number};
 use crate::page::shell;
 use crate::svg::{Frame, Scale, dots, envelope, line};
-use fixtrail_sim::papers::{Account, Bound, Entry, Figure, FigureKind, Measured, Printed, Verdict};
+use fixtrail_sim::papers::{Account, Entry, Figure, FigureKind, Measured, Printed, Verdict};
 use maud::{Markup, html};
 
 /// Height of a plan that is not wider than high.
@@ -61,18 +61,21 @@ fn table(account: &Account) -> Markup {
                 thead { tr {
                     th { "where" } th class="text" { "what" } th { "printed" } th { "ours, by the letter" } th { "read otherwise" } th { "bound" } th { "verdict" }
                 } }
-                tbody { @for entry in &account.entries { (row(entry)) } }
+                tbody { @for (i, entry) in account.entries.iter().enumerate() { (row(entry, i.checked_sub(1).map(|i| &account.entries[i]))) } }
             } }
         }
     }
 }
 
-fn row(entry: &Entry) -> Markup {
+/// A line; what stands in the line `above` word by word is not said again.
+fn row(entry: &Entry, above: Option<&Entry>) -> Markup {
     let (what, printed) = match &entry.printed {
         Printed::Number { value, digits } => (entry.what.clone(), format!("{value:.*}", *digits as usize)),
         Printed::Claim(claim) => (format!("“{claim}”"), String::new()),
         Printed::NotInText => (entry.what.clone(), "–".to_owned()),
     };
+    let said = above.map_or(Vec::new(), notes);
+    let remarks: Vec<String> = notes(entry).into_iter().filter(|n| !said.contains(n)).collect();
     let class = match entry.verdict {
         Verdict::Reproduced => "good",
         Verdict::UnderReading => "mild",
@@ -84,9 +87,7 @@ fn row(entry: &Entry) -> Markup {
             th { (entry.place) }
             td class="text" {
                 (what)
-                @if let Some(reading) = &entry.reading { small { "Read otherwise: " (reading.text) "." } }
-                @if let Some(Bound { text, .. }) = &entry.bound { small { "Bound: " (text) "." } }
-                @if !entry.reason.is_empty() { small { (capitalised(&entry.reason)) "." } }
+                @for note in &remarks { small { (capitalised(note)) "." } }
             }
             td { (printed) }
             td { (cell(entry.literal.as_ref())) }
@@ -95,6 +96,14 @@ fn row(entry: &Entry) -> Markup {
             td class="text" { span class={ "badge " (class) } { (entry.verdict.name()) } }
         }
     }
+}
+
+/// What is to be said of an entry besides its numbers.
+fn notes(entry: &Entry) -> Vec<String> {
+    let reading = entry.reading.as_ref().map(|r| format!("read otherwise: {}", r.text));
+    let bound = entry.bound.as_ref().map(|b| format!("bound: {}", b.text));
+    let reason = (!entry.reason.is_empty()).then(|| entry.reason.clone());
+    [reading, bound, reason].into_iter().flatten().collect()
 }
 
 /// A number with its standard error, and how far one experiment is off by chance.

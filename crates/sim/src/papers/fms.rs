@@ -68,14 +68,13 @@ fn table_2(design: &Design, numbers: &[Vec<Numbers>]) -> Vec<Entry> {
             let printed = TABLE_2[j][i];
             let of =
                 |f: fn(&Numbers) -> [f64; 3]| Measured::of(&numbers[i].iter().map(|n| f(n)[j]).collect::<Vec<_>>());
-            let what = format!("mean RMS position error of the {estimator}, {}, m", shape.name());
+            let what = format!("position error, {estimator}, {}, m", shape.name());
             let mut reason = format!(
-                "printed is {:.2} of what any unbiased estimate from these data can reach; a mean over 30 runs hides noise down to {hidden:.2}",
-                printed / floor
+                "no linear unbiased estimate from the same data has a smaller root mean square error than the bound; the magnitude of a \
+                 mean over 30 runs hides noise down to {hidden:.2} of it"
             );
             if shape == Shape::Random {
-                reason +=
-                    "; a random acceleration with knots every 50 steps, 0.16 m/s² peak to peak, fitted to this column";
+                reason += "; here the acceleration has random knots every 50 steps and 0.16 m/s² from peak to peak, fitted to the column";
             }
             out.push(
                 Entry::number("Table 2", &what, (printed, 4), Verdict::NotReproducible)

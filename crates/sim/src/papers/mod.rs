@@ -180,7 +180,7 @@ impl Verdict {
     pub fn name(self) -> &'static str {
         match self {
             Verdict::Reproduced => "reproduced",
-            Verdict::UnderReading => "reproduced under another reading",
+            Verdict::UnderReading => "reproduced under a reading",
             Verdict::NotReproducible => "not reproducible",
             Verdict::Contradicted => "contradicted",
             Verdict::NotInText => "not in the text",

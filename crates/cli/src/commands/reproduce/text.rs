@@ -18,19 +18,13 @@ pub fn text(account: &Account) -> String {
     for entry in &account.entries {
         table.add_row(cells(entry));
     }
-    let constraints = [
-        Some(ColumnConstraint::UpperBoundary(Width::Fixed(11))),
-        None,
-        None,
-        Some(ColumnConstraint::LowerBoundary(Width::Fixed(17))),
-        Some(ColumnConstraint::LowerBoundary(Width::Fixed(17))),
-        Some(ColumnConstraint::Absolute(Width::Fixed(15))),
-    ];
-    for (i, (column, constraint)) in table.column_iter_mut().zip(constraints).enumerate() {
+    // Contents and the two spaces after them; what it is gets the rest.
+    let widths = [13, 0, 9, 18, 18, 14];
+    for (i, (column, width)) in table.column_iter_mut().zip(widths).enumerate() {
         column.set_padding((0, 2));
         column.set_cell_alignment(if (2..=4).contains(&i) { CellAlignment::Right } else { CellAlignment::Left });
-        if let Some(constraint) = constraint {
-            column.set_constraint(constraint);
+        if width > 0 {
+            column.set_constraint(ColumnConstraint::Absolute(Width::Fixed(width)));
         }
     }
     let lines: Vec<String> = table.lines().map(|l| format!("  {}", l.trim_end())).collect();
@@ -51,19 +45,14 @@ fn cells(entry: &Entry) -> [String; 6] {
         Printed::Claim(claim) => (claim.clone(), String::new()),
         Printed::NotInText => (entry.what.clone(), "–".to_owned()),
     };
-    let number = |m: Option<&Measured>| m.map_or(String::new(), ToString::to_string);
-    let verdict = match entry.verdict {
-        Verdict::UnderReading => "read otherwise",
-        Verdict::NotReproducible => "not reproduced",
-        verdict => verdict.name(),
-    };
+    let number = |m: Option<&Measured>| m.map_or(String::new(), |m| m.to_string().replace(" ± ", "±"));
     [
         entry.place.clone(),
         what,
         printed,
         number(entry.literal.as_ref()),
         number(entry.reading.as_ref().map(|r| &r.measured)),
-        verdict.to_owned(),
+        entry.verdict.name().to_owned(),
     ]
 }
 

@@ -108,9 +108,9 @@ pub fn of_the_simulations(design: &Design, numbers: &[(&str, Vec<Numbers>)]) -> 
         out.push(
             Entry::claim(
                 "Table 2",
-                &format!("over the whole run the FMS filter has smaller errors than the Kalman filter, {name}"),
+                &format!("FMS filter below Kalman filter, {name}"),
                 below(&whole, 1.0),
-                "ratio of the two: averaging errors before taking magnitudes hides noise and exposes bias, which favours the window"
+                "ratio of the two over the whole run: averaging errors before taking magnitudes hides noise and exposes bias, which favours the window"
                     .to_owned(),
             )
             .literally(whole)
@@ -123,7 +123,7 @@ pub fn of_the_simulations(design: &Design, numbers: &[(&str, Vec<Numbers>)]) -> 
         out.push(
             Entry::claim(
                 "section 3",
-                &format!("the FMS filter outperforms the Kalman filter when the acceleration suddenly changes, {name}"),
+                &format!("FMS filter outperforms Kalman filter when the acceleration suddenly changes, {name}"),
                 below(&after, 1.0),
                 "ratio of root mean square errors over the 30 steps after a jump".to_owned(),
             )
@@ -132,7 +132,7 @@ pub fn of_the_simulations(design: &Design, numbers: &[(&str, Vec<Numbers>)]) -> 
         out.push(
             Entry::claim(
                 "section 3",
-                &format!("there its error is remarkably smaller, {name}"),
+                &format!("remarkably smaller error there, {name}"),
                 below(&after, REMARKABLE),
                 "the same ratio; below 0.9 counts as remarkable".to_owned(),
             )
