@@ -20,7 +20,7 @@ use super::link;
 use super::matrix::{Definite, MAX_STATE, covariance};
 use super::names::{CHANNELS, Named, choose};
 use super::value::{Field, Node, Table};
-use super::{LinkSpec, Robust, SensorSpec, Spec, estimator, model, sensor};
+use super::{LinkSpec, MotionSpec, Robust, SensorSpec, Spec, estimator, model, motion, sensor};
 use crate::error::BuildError;
 use crate::packet::Kind;
 use std::collections::BTreeMap;
@@ -64,6 +64,10 @@ pub struct Simulated {
     pub noisy: bool,
     /// How targets move and are measured; the prior is where they start.
     pub truth: Spec,
+    /// How targets move where that is not as the model says.
+    pub motion: Option<MotionSpec>,
+    /// `lost_m`: a target is lost when its estimate ends further off than this.
+    pub lost_m: f64,
     /// Where ranges are taken from.
     pub field: Option<FieldSpec>,
     /// Who estimates.
@@ -195,7 +199,7 @@ pub fn parse_scenario(
     let root = node.field(file, "").table("a scenario")?;
     root.only(
         "a scenario",
-        &["version", "scenario", "recording", "model", "sensor", "field", "channel", "contender"],
+        &["version", "scenario", "recording", "model", "motion", "sensor", "field", "channel", "contender"],
         &[],
     )?;
     if let Some(field) = root.get("version") {
@@ -217,7 +221,7 @@ fn seed(table: &Table<'_>) -> Result<u64, BuildError> {
 }
 
 fn recorded(root: &Table<'_>, field: &Field<'_>) -> Result<(u64, World), BuildError> {
-    for key in ["model", "sensor", "field", "contender"] {
+    for key in ["model", "motion", "sensor", "field", "contender"] {
         if let Some(field) = root.get(key) {
             return Err(
                 field.misfit("nothing of the kind beside `[recording]`: `fixtrail track` estimates what is written")
@@ -242,7 +246,7 @@ fn simulated(
     read: &mut dyn FnMut(&Path) -> std::io::Result<Vec<u8>>,
 ) -> Result<(u64, World), BuildError> {
     let table = field.table("a table `[scenario]`")?;
-    table.only("a scenario", &["runs", "steps", "seed", "interval_s", "start", "noise"], &[])?;
+    table.only("a scenario", &["runs", "steps", "seed", "interval_s", "start", "noise", "lost_m"], &[])?;
     let count = |key: &str| table.get(key).map_or(Ok(1), |field| field.count(1, MOST));
     let (runs, steps) = (count("runs")?, table.require("steps", "a number of instants")?.count(1, MOST)?);
     let interval_s =
@@ -252,12 +256,17 @@ fn simulated(
         _ => Start::Drawn,
     };
     let noisy = table.get("noise").map_or(Ok(true), |field| field.flag())?;
+    let lost_m = table.get("lost_m").map_or(Ok(10.0), |f| f.number("a positive distance in metres", |v| v > 0.0))?;
 
     let expected = "a table `[model]` with a `kind`";
     let model_table = root.require("model", expected)?.table(expected)?;
     let model = model::model(&model_table, read)?;
     if model.prior().is_none() {
         return Err(model_table.missing("x0", "the mean of where targets start, and `P0` beside it"));
+    }
+    let motion = root.get("motion").map_or(Ok(None), |field| motion::motion(&field, &model))?;
+    if let (Some(_), false, Some(field)) = (&motion, noisy, table.get("noise")) {
+        return Err(field.misfit("no `noise` beside a `[motion]`, which has its own"));
     }
     let sensors = sensor::sensors(root, &model)?;
     if let Some(other) = sensors.iter().find(|s| !matches!(s.kind, Kind::Position | Kind::Range | Kind::Linear)) {
@@ -290,7 +299,7 @@ fn simulated(
                 .collect::<Result<_, _>>()?
         }
     };
-    let world = Simulated { runs, steps, interval_s, start, noisy, truth, field, contenders };
+    let world = Simulated { runs, steps, interval_s, start, noisy, truth, motion, lost_m, field, contenders };
     Ok((seed(&table)?, World::Simulated(Box::new(world))))
 }
 
