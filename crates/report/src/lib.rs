@@ -1,17 +1,20 @@
 //! One self-contained page about a trail: an HTML file with tables and charts that loads nothing and opens offline.
 //!
-//! Fill a [`Page`] and [`render`] it, or [`render_comparison`] one whose series are estimators compared with one another. Every text that comes from a user is escaped; equal pages give equal bytes.
+//! Fill a [`Page`] and [`render`] it, or [`render_comparison`] one whose series are estimators compared with one another;
+//! [`render_simulation`] makes one of a scenario's runs. Every text that comes from a user is escaped; equal pages give equal bytes.
 
 mod charts;
 mod comparison;
 mod format;
 mod link;
 mod page;
+mod simulation;
 mod svg;
 mod tables;
 
 pub use comparison::{Comparison, Entry};
 pub use page::{render, render_comparison};
+pub use simulation::{Channel, Simulation, render_simulation};
 
 use fixtrail_sim::metrics::Score;
 use fixtrail_track::anchors::Anchors;

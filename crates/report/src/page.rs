@@ -24,6 +24,41 @@ pub fn render_comparison(page: &Page<'_>, comparison: &Comparison<'_>) -> String
 fn document(page: &Page<'_>, compared: Option<&Comparison<'_>>) -> String {
     let shown = detailed_targets(page);
     let omitted = page.targets().len() - shown.len();
+    let body = html! {
+        @match compared {
+            Some(c) if c.is_predictive() => (comparison::headline(page, c)),
+            _ => (tables::headline(page)),
+        }
+        @match compared {
+            Some(c) => (comparison::table(page, c)),
+            None => (tables::estimators(page)),
+        }
+        @if !page.notes.is_empty() {
+            section class="card notes" { @for note in page.notes { p { (note) } } }
+        }
+        (legend(page))
+        section class="charts" {
+            @if let Some(figure) = plan::plan(page) { (figure) }
+        }
+        (link::link(page))
+        (tables::targets(page))
+        @for (i, id) in shown.iter().enumerate() {
+            @if page.targets().len() > 1 { h2 class="target" { "Target " (target(*id)) } }
+            section class="charts" { (details(page, compared, *id, i)) }
+        }
+        @if omitted > 0 {
+            p class="read" {
+                "Charts over time are drawn for the " (shown.len()) " targets with the "
+                (if has_scores(page) { "largest errors" } else { "longest trails" }) "; "
+                (count(omitted)) " are left out."
+            }
+        }
+    };
+    shell(page.title, page.subtitle, &body)
+}
+
+/// The document around a page's body.
+pub fn shell(title: &str, subtitle: &str, body: &Markup) -> String {
     let document = html! {
         (DOCTYPE)
         html lang="en" {
@@ -31,45 +66,16 @@ fn document(page: &Page<'_>, compared: Option<&Comparison<'_>>) -> String {
                 meta charset="utf-8";
                 meta name="viewport" content="width=device-width, initial-scale=1";
                 meta name="color-scheme" content="light dark";
-                title { (page.title) }
+                title { (title) }
                 style { (PreEscaped(include_str!("assets/style.css"))) }
             }
             body {
                 header {
                     p class="brand" { (logo()) "Fixtrail" }
-                    h1 { (page.title) }
-                    p class="subtitle" { (page.subtitle) }
+                    h1 { (title) }
+                    p class="subtitle" { (subtitle) }
                 }
-                main {
-                    @match compared {
-                        Some(c) if c.is_predictive() => (comparison::headline(page, c)),
-                        _ => (tables::headline(page)),
-                    }
-                    @match compared {
-                        Some(c) => (comparison::table(page, c)),
-                        None => (tables::estimators(page)),
-                    }
-                    @if !page.notes.is_empty() {
-                        section class="card notes" { @for note in page.notes { p { (note) } } }
-                    }
-                    (legend(page))
-                    section class="charts" {
-                        @if let Some(figure) = plan::plan(page) { (figure) }
-                    }
-                    (link::link(page))
-                    (tables::targets(page))
-                    @for (i, id) in shown.iter().enumerate() {
-                        @if page.targets().len() > 1 { h2 class="target" { "Target " (target(*id)) } }
-                        section class="charts" { (details(page, compared, *id, i)) }
-                    }
-                    @if omitted > 0 {
-                        p class="read" {
-                            "Charts over time are drawn for the " (shown.len()) " targets with the "
-                            (if has_scores(page) { "largest errors" } else { "longest trails" }) "; "
-                            (count(omitted)) " are left out."
-                        }
-                    }
-                }
+                main { (body) }
                 footer { "Made by Fixtrail " (env!("CARGO_PKG_VERSION")) ". This file holds everything it shows and loads nothing." }
                 script { (PreEscaped(include_str!("assets/script.js"))) }
             }

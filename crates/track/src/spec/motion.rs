@@ -157,7 +157,7 @@ pub(super) fn motion(field: &Field<'_>, model: &ModelSpec) -> Result<Option<Moti
             acceleration_sd_mps2: sd("acceleration_sd_mps2", "metres per second squared")?,
         },
         "bouncing" => MotionSpec::Bouncing {
-            area_m: plane(&table, "area_m", "two positive lengths in metres, such as [50, 50]", |v| v > 0.0)?,
+            area_m: room(&table, model)?,
             speed_mps: speed("a speed in metres per second, at least 0", |v| v >= 0.0)?,
             walls: match table.get("walls").map(|field| choose(&field, WALLS, &[])).transpose()? {
                 Some("mirror") => Walls::Mirror,
@@ -166,6 +166,21 @@ pub(super) fn motion(field: &Field<'_>, model: &ModelSpec) -> Result<Option<Moti
         },
         _ => profile(&table, axes, velocity()?)?,
     }))
+}
+
+/// `area_m`, which holds the mean of where targets start.
+fn room(table: &Table<'_>, model: &ModelSpec) -> Result<[f64; 2], BuildError> {
+    let area = plane(table, "area_m", "two positive lengths in metres, such as [50, 50]", |v| v > 0.0)?;
+    let outside = |mean: &[f64]| mean.iter().zip(area).any(|(x, side)| !(0.0..=side).contains(x));
+    match model.prior() {
+        Some(prior) if outside(&prior.mean) => {
+            let (x, y) = (prior.mean[0], prior.mean[1]);
+            let what =
+                format!("goes from [0, 0] to {area:?}, expected a rectangle with the start, [{x:?}, {y:?}], inside");
+            Err(table.error("area_m", what))
+        }
+        _ => Ok(area),
+    }
 }
 
 fn profile(table: &Table<'_>, axes: usize, velocity_mps: Option<[f64; 3]>) -> Result<MotionSpec, BuildError> {

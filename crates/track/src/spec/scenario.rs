@@ -103,6 +103,9 @@ pub struct Contender {
     pub spec: Spec,
     /// `shows`: what a receiver without time stamps shows to it.
     pub shows: Shows,
+    /// Whether its smoothed estimates count, which stand at earlier instants and know what came later: those of `rts` and
+    /// `fixed-lag-kalman` always, those of `fms` with `smoothed = true`.
+    pub smoothed: bool,
 }
 
 /// What a receiver without time stamps shows when nothing comes.
@@ -320,7 +323,7 @@ fn field_of(field: &Field<'_>, sensors: &[SensorSpec]) -> Result<FieldSpec, Buil
 }
 
 fn contender(table: &Table<'_>, truth: &Spec, channel: &ChannelSpec) -> Result<Contender, BuildError> {
-    table.only("a contender", &["name", "estimator", "link", "shows", "gate", "S0"], &[])?;
+    table.only("a contender", &["name", "estimator", "link", "shows", "smoothed", "gate", "S0"], &[])?;
     let estimator = match table.get("estimator") {
         None => truth.estimator,
         Some(field) => estimator::estimator(&field.table("a table with a `kind`")?, &truth.model, &truth.sensors)?,
@@ -345,7 +348,21 @@ fn contender(table: &Table<'_>, truth: &Spec, channel: &ChannelSpec) -> Result<C
         Some(field) => field.text("a name")?.to_owned(),
     };
     let shows = table.get("shows").map(|field| shows(&field)).transpose()?.unwrap_or(channel.shows);
-    Ok(Contender { name, spec, shows })
+    let smoothed = match table.get("smoothed") {
+        None => estimator.is_smoother(),
+        Some(field) => match (field.flag()?, estimator.has_smoother(), estimator.is_smoother()) {
+            (true, false, _) => {
+                let what = format!("no `smoothed = true` of `{}`, which has no smoother", estimator.name());
+                return Err(field.misfit(what));
+            }
+            (false, _, true) => {
+                let what = format!("no `smoothed = false` of `{}`: its filter is `kalman` or `ekf`", estimator.name());
+                return Err(field.misfit(what));
+            }
+            (smoothed, ..) => smoothed,
+        },
+    };
+    Ok(Contender { name, spec, shows, smoothed })
 }
 
 fn shows(field: &Field<'_>) -> Result<Shows, BuildError> {
