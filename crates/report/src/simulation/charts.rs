@@ -1,7 +1,7 @@
 //! Charts of a simulation.
 
 use super::{Channel, Simulation};
-use crate::charts::{extent, figure, quantile, series_class};
+use crate::charts::{extent, figure, quantile, series_class, size};
 use crate::svg::{Frame, Scale, TimeAxis, area, line};
 use fixtrail_sim::metrics::chi_square_quantile;
 use fixtrail_sim::monte_carlo::{Moment, Summary};
@@ -195,6 +195,8 @@ struct Ratio<'a> {
     y_title: &'a str,
     id: String,
     caption: &'a str,
+    /// Over the page's whole width.
+    wide: bool,
     /// Value and degrees of freedom of a piece.
     of: &'a dyn Fn(&Summary, &Moment) -> Option<(f64, f64)>,
 }
@@ -222,7 +224,10 @@ fn ratio_figure(simulation: &Simulation<'_>, channel: &Channel<'_>, wanted: &Rat
     // One wild contender must not flatten the rest.
     let low = quantile(values(), 0.005).min(least).max(1e-2) / 1.1;
     let high = (1.1 * quantile(values(), 0.995).max(most)).min(1e3);
-    let (x, y) = (time(simulation).scale(Frame::X_PX), Scale::log([low, high], Frame::Y_PX));
+    let (width, x_px, class) = size(wanted.wide);
+    let x = time(simulation).scale(x_px);
+    let log = high > 5.0 * low;
+    let y = if log { Scale::log([low, high], Frame::Y_PX) } else { Scale::linear([low, high], Frame::Y_PX) };
     let body = html! {
         path class="expected" d=(area(&band, x, y)) {}
         path class="mark-line" d=(format!("M{} {:.1}H{}", x.from, y.at(1.0), x.to)) {}
@@ -232,24 +237,25 @@ fn ratio_figure(simulation: &Simulation<'_>, channel: &Channel<'_>, wanted: &Rat
         }
     };
     let frame = Frame {
-        width: Frame::WIDTH,
+        width,
         height: Frame::HEIGHT,
         x,
         y,
         x_title: time(simulation).title.to_owned(),
-        y_title: wanted.y_title.to_owned(),
+        y_title: format!("{}{}", wanted.y_title, if log { ", logarithmic" } else { "" }),
         label: wanted.title.to_owned(),
         id: wanted.id.clone(),
     };
-    Some(figure("time", wanted.title, &frame.draw(&body, &html! {}), wanted.caption))
+    Some(figure(class, wanted.title, &frame.draw(&body, &html! {}), wanted.caption))
 }
 
 fn nees(simulation: &Simulation<'_>, channel: &Channel<'_>, index: usize) -> Option<Markup> {
     let steps = simulation.world.steps.div_ceil(POINTS).max(1) as f64;
     let wanted = Ratio {
         title: "Errors in units of what is claimed",
-        y_title: "ANEES [1], logarithmic",
+        y_title: "ANEES [1]",
         id: format!("nees-{index}"),
+        wide: false,
         caption: "Normalised estimation error squared over its degrees of freedom, mean over the runs at each instant. Runs are independent: a \
                   consistent estimator is in the grey chi-square band at 95 of 100 instants; above is optimistic, below pessimistic.",
         of: &|s, m| Some((ratio(m.nees, m.count)?, m.count as f64 / steps * s.components as f64)),
@@ -260,8 +266,9 @@ fn nees(simulation: &Simulation<'_>, channel: &Channel<'_>, index: usize) -> Opt
 fn nis(simulation: &Simulation<'_>, channel: &Channel<'_>, index: usize) -> Option<Markup> {
     let wanted = Ratio {
         title: "Innovations in units of what is expected",
-        y_title: "ANIS [1], logarithmic",
+        y_title: "ANIS [1]",
         id: format!("nis-{index}"),
+        wide: true,
         caption: "Normalised innovation squared over its degrees of freedom, mean over the runs at each instant, with its grey 95 % chi-square \
                   band. A filter that knows the noise and what has arrived is inside; it needs no truth.",
         of: &|_, m| Some((ratio(m.nis, m.nis_dof)?, m.nis_dof as f64)),

@@ -11,7 +11,8 @@ use maud::{Markup, html};
 const COLUMNS: usize = 4;
 
 fn estimated(v: &Estimated) -> Markup {
-    html! { (number(v.mean)) small { "± " (number(v.se)) } }
+    // What does not depend on chance has no error but rounding.
+    html! { (number(v.mean)) @if v.se > 1e-9 * v.mean.abs() { small { "± " (number(v.se)) } } }
 }
 
 fn or_dash(v: Option<&Estimated>) -> Markup {
@@ -39,7 +40,7 @@ pub fn errors(world: &Simulated, outcome: &Outcome) -> Markup {
         div class="scroll" { table class="compared" {
             thead { tr {
                 th { "errors" }
-                th { "RMSE" (unit) }
+                th { "RMSE" (unit) } th { "claimed" (unit) }
                 @for name in &layout.names[..columns] { th { "mean |" (name) "|" } }
                 th { "50 %" (unit) } th { "60 %" (unit) } th { "90 %" (unit) } th { "95 %" (unit) }
                 th { @if layout.is_linear() { "lost" } @else { "end > " (number(world.lost_m)) " m off" } }
@@ -51,6 +52,7 @@ pub fn errors(world: &Simulated, outcome: &Outcome) -> Markup {
                 @for (i, s) in all.iter().enumerate() { tr {
                     th { (name(i, s)) }
                     td { (estimated(&s.rmse)) @if worst > 0.0 && s.rmse.mean.is_finite() { i class="bar" { i style=(bar(s.rmse.mean)) {} } } }
+                    td { (s.claimed_rms.map_or("–".to_owned(), number)) }
                     @for v in s.mean_abs.iter().take(columns) { td { (estimated(v)) } }
                     @for q in 0..4 { td { (s.quantiles.get(q).map_or("–".to_owned(), |v| number(*v))) } }
                     td { (percent(s.verdict.diverges.mean)) }
@@ -73,12 +75,11 @@ pub fn consistency(outcome: &Outcome) -> Markup {
     html! {
         div class="scroll" { table class="compared" {
             thead { tr {
-                th { "consistency" } th { "mean square" } th { "claimed" } th { "ANEES" } th { "ANIS" }
+                th { "consistency" } th { "ANEES" } th { "ANIS" }
                 th { "inside 50 %" } th { "inside 95 %" } th class="text" { "verdict" }
             } }
             tbody { @for (i, s) in outcome.contenders.iter().enumerate() { tr {
                 th { (name(i, s)) }
-                td { (estimated(&s.mse)) } td { (estimated(&s.claimed)) }
                 td { (number(s.anees.mean)) " ± " (number(s.anees.se)) (band(s.anees_band)) }
                 td { @match &s.anis { Some(v) => { (number(v.mean)) " ± " (number(v.se)) (band(s.anis_band)) }, None => "–" } }
                 @for v in &s.coverage { td { (percent(v.mean)) small { "± " (percent(v.se)) } } }

@@ -70,6 +70,8 @@ pub struct Summary {
     pub missing: usize,
     /// Root mean square error: of the position, metres, or of a linear model's state.
     pub rmse: Estimated,
+    /// Root mean variance that is claimed for them.
+    pub claimed_rms: Option<f64>,
     /// The same errors of all instants and runs together: half of them, 60 %, 90 % and 95 % are smaller. Empty without any.
     pub quantiles: Vec<f64>,
     /// Their distribution: sizes below which evenly spaced shares from 0 to 1 lie.
@@ -154,6 +156,7 @@ impl Collected {
         let some = |values: Vec<f64>| (!values.is_empty()).then(|| Estimated::of(values.into_iter()));
         let dof: u64 = good.clone().filter_map(|s| s.nis).map(|(_, dof)| dof).sum();
         let scaled = |band: Option<(f64, f64)>, dof: usize| band.map(|(a, b)| (a / dof as f64, b / dof as f64));
+        let claims = self.over_time.iter().map(|m| m.claimed).sum::<f64>();
         let points: Vec<f64> = (0..=CURVE).map(|i| i as f64 / CURVE as f64).collect();
         let summary = Summary {
             name: name.to_owned(),
@@ -163,6 +166,7 @@ impl Collected {
             first_failure: samples.clone().find_map(|s| s.failed.clone()),
             missing: samples.clone().map(|s| s.missing).sum(),
             rmse: Estimated::of(good.clone().map(|s| s.rms() * s.rms())).root(),
+            claimed_rms: (self.errors.count() > 0).then(|| (claims / self.errors.count() as f64).sqrt()),
             quantiles: self.errors.quantiles(&QUANTILES),
             curve: self.errors.quantiles(&points),
             mean_abs: (0..n).map(|i| Estimated::of(good.clone().map(move |s| s.mean_abs[i]))).collect(),

@@ -55,14 +55,14 @@ fn errors(world: &Simulated, one: &Table) -> String {
     let all = &one.outcome.contenders;
     let linear = layout.is_linear();
     let unit = if linear { "" } else { "/m" };
-    let mut header: Vec<String> = vec![String::new(), format!("RMSE{unit}")];
+    let mut header: Vec<String> = vec![String::new(), format!("RMSE{unit}"), "claimed".to_owned()];
     let columns = if linear && layout.n() <= COLUMNS { layout.n() } else { 0 };
     header.extend(layout.names[..columns].iter().map(|name| format!("mean |{name} error|")));
     if !linear {
         header.push("median run".to_owned());
     }
     header.extend(["50 %", "90 %", "95 %"].map(str::to_owned));
-    header.push(if linear { "lost".to_owned() } else { format!("end > {} m off", short(world.lost_m)) });
+    header.push(if linear { "lost".to_owned() } else { format!("end > {} m off", world.lost_m) });
     let (failed, missing) = (all.iter().any(|s| s.failed > 0), all.iter().any(|s| s.missing > 0));
     let (energy, steps) = (all.iter().any(|s| s.energy_mj.is_some()), all.iter().any(|s| s.time_steps.is_some()));
     let more = [(energy, "energy/mJ"), (steps, "time steps"), (failed, "failed"), (missing, "missing")];
@@ -71,7 +71,7 @@ fn errors(world: &Simulated, one: &Table) -> String {
     let mut rows: Vec<Vec<String>> = all
         .iter()
         .map(|s| {
-            let mut row = vec![s.name.clone(), figure(&s.rmse)];
+            let mut row = vec![s.name.clone(), figure(&s.rmse), short_or_dash(s.claimed_rms)];
             row.extend(s.mean_abs.iter().take(columns).map(figure));
             if !linear {
                 row.push(short_or_dash(s.median_position_m));
@@ -92,14 +92,12 @@ fn errors(world: &Simulated, one: &Table) -> String {
 /// Whether errors are as claimed.
 fn consistency(all: &[Summary]) -> String {
     let band = |band: Option<(f64, f64)>| band.map_or("–".to_owned(), |(a, b)| format!("{a:.3} – {b:.3}"));
-    let header = ["", "MSE", "claimed", "ANEES/n", "95 % band", "ANIS/m", "95 % band", "in 50 %", "in 95 %"];
+    let header = ["", "ANEES/n", "95 % band", "ANIS/m", "95 % band", "in 50 %", "in 95 %"];
     let rows: Vec<Vec<String>> = all
         .iter()
         .map(|s| {
             vec![
                 s.name.clone(),
-                figure(&s.mse),
-                figure(&s.claimed),
                 figure(&s.anees),
                 band(s.anees_band),
                 s.anis.as_ref().map_or("–".to_owned(), figure),
@@ -159,14 +157,17 @@ fn in_the_long_run(long_run: &LongRun) -> String {
 fn reading(world: &Simulated, results: &[Table]) -> String {
     let linear = registry::layout(&world.truth).is_linear();
     let mut out = vec![
-        "± is a standard error over the runs. ANEES/n and ANIS/m are 1 for a consistent estimator: the band of ANEES is by runs, because the \
-         instants of a run are correlated, that of ANIS by runs and instants, whose innovations are independent then. The verdict is by the \
-         99 % interval of ANEES over the runs."
-            .to_owned(),
-    ];
+        "± is a standard error over the runs; percentiles are of the errors of all runs and instants together.",
+        "ANEES/n and ANIS/m are 1 for a consistent estimator. The band of ANEES is by runs, because the instants of a run",
+        "are correlated; that of ANIS by runs and instants, whose innovations are independent then. The verdict is by the",
+        "99 % interval of ANEES over the runs.",
+    ]
+    .into_iter()
+    .map(str::to_owned)
+    .collect::<Vec<String>>();
     if linear {
         out.push(format!(
-            "Errors are those of the whole state. Lost: squared errors of {LOST_NEES} times what is claimed over the last tenth of a run."
+            "Errors are those of the whole state. Lost: squared errors of {LOST_NEES} times what is claimed in a run's last tenth."
         ));
     }
     match results.first().map(|t| &t.outcome.bound) {
@@ -206,6 +207,7 @@ fn contender(s: &Summary) -> Value {
         "first_failure": s.first_failure,
         "missing": s.missing,
         "rmse": estimated(&s.rmse),
+        "claimed_rms": s.claimed_rms.and_then(finite),
         "p50": quantile(0),
         "p60": quantile(1),
         "p90": quantile(2),
