@@ -28,4 +28,4 @@ pub use table::{Table, TableMeta, read_table};
 pub use time::TimeForm;
 pub use trace::read_packet_trace;
 pub use truth::read_truth;
-pub use write::{Order, OutFormat, Output, WriteError, WriteOptions, write_trails};
+pub use write::{Cell, Holds, Order, OutFormat, Output, Plain, WriteError, WriteOptions, write_plain, write_trails};

@@ -48,7 +48,7 @@ fn list_prints_the_same_names_as_text_and_json() {
     let lists = json.as_object().expect("an object");
     assert_eq!(
         lists.keys().collect::<Vec<_>>(),
-        ["estimators", "models", "sensors", "links", "schedulers", "channels"]
+        ["estimators", "models", "sensors", "links", "schedulers", "channels", "motions"]
     );
     for entry in lists.values().flat_map(|l| l.as_array().expect("a list")) {
         let name = entry["name"].as_str().expect("a name");

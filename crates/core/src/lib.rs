@@ -5,6 +5,7 @@
 #![no_std]
 
 pub mod arrival;
+pub mod cramer_rao;
 pub mod estimators;
 pub mod graph;
 pub mod linalg;

@@ -147,6 +147,45 @@ impl<const N: usize> Lossy<N> {
         None
     }
 
+    /// Returns the covariance of a smoother `lag` instants behind the newest measurements, in the steady state; nothing is lost. Without a
+    /// `lag`, of one that has all later measurements. `x` is the steady prediction covariance, [`upper_bound`](Self::upper_bound) at rate 1.
+    ///
+    /// ```text
+    /// P_{k−d|k} = X − X Λ_d X,   Λ_d = Σ_{i=0}^{d} (F̄ⁱ)ᵀ Cᵀ S⁻¹ C F̄ⁱ,   F̄ = A (I − K C),   S = C X Cᵀ + R
+    /// ```
+    ///
+    /// \[AMO79, sec. 7.3\]; lag 0 is the filter. Λ is summed from the far end, `Λ ← Cᵀ S⁻¹ C + F̄ᵀ Λ F̄`, row by row as in the backward pass
+    /// of \[BIE77\]. `None` when a sum without end has not settled within 100 000 instants.
+    pub fn lagged(&self, x: &Matrix<N, N>, lag: Option<u32>) -> Option<Matrix<N, N>> {
+        let rows = &self.rows[..self.count];
+        let mut gains = [(Vector::<N>::zeros(), 1.0); MAX_COMPONENTS];
+        let mut after = *x;
+        for (row, (gain, s)) in rows.iter().zip(&mut gains) {
+            let xh = after * row.h;
+            *s = row.h.dot(&xh) + row.var;
+            *gain = xh / *s;
+            after = joseph(&after, &row.h, row.var, &xh, *s);
+        }
+        let none = Matrix::zeros();
+        let mut information = none;
+        let mut settled = false;
+        for _ in 0..lag.map_or(MOST_STEPS, |lag| lag.saturating_add(1).min(MOST_STEPS)) {
+            let mut next = propagate(&information, &self.a.transpose(), &none);
+            for (row, (gain, s)) in rows.iter().zip(&gains).rev() {
+                // (I − K hᵀ)ᵀ Λ (I − K hᵀ) + h hᵀ / s
+                let through = Matrix::identity() - gain * row.h.transpose();
+                next = propagate(&next, &through.transpose(), &(row.h * row.h.transpose() / *s));
+            }
+            // It ascends, so variances tell how far a step leads.
+            settled = (0..N).all(|i| next[(i, i)] - information[(i, i)] <= f64::EPSILON * next[(i, i)]);
+            information = next;
+            if settled {
+                break;
+            }
+        }
+        (settled || lag.is_some_and(|lag| lag < MOST_STEPS)).then(|| x - propagate(&information, x, &none))
+    }
+
     /// Returns the solution of S = (1 − λ) A S Aᵀ + W, a lower bound on lim E\[P⁻\] for every λ; (1 − λ) S is one on lim E\[P\].
     ///
     /// By doubling. `None` when there is none: (1 − λ) ρ(A)² ≥ 1, where E\[P⁻\] grows without bound.

@@ -6,6 +6,7 @@ use fixtrail_core::riccati::{Lossy, spectral_radius};
 use fixtrail_core::{Matrix, Vector};
 use nalgebra::{DMatrix, DVector};
 use oracle::random::Random;
+use oracle::{Instant, Run, Verdict};
 
 /// A system as plain matrices, and its recursions as they are printed.
 struct Dense {
@@ -335,6 +336,51 @@ fn mean_covariance_over_random_arrivals_lies_between_the_bounds() {
             // Four standard errors to either side: one in 10⁴ runs of this test at the worst, were it not seeded.
             assert!(mean - 4.0 * error < upper[(i, i)], "{mean} ± {error} {upper}");
             assert!(mean + 4.0 * error > lower[(i, i)], "{mean} ± {error} {lower}");
+        }
+    }
+}
+
+/// The covariance of the state at instant 0, predicted with covariance `x`, given the measurements of instants 0 to `lag`: conditioning of one
+/// joint Gaussian.
+fn conditioned(system: &Dense, x: &DMatrix<f64>, lag: usize) -> DMatrix<f64> {
+    let (n, q) = (system.a.nrows(), system.c.nrows());
+    let instant = Instant {
+        a: system.a.clone(),
+        b: DMatrix::zeros(n, 0),
+        g: DMatrix::identity(n, n),
+        q: system.w.clone(),
+        c: system.c.clone(),
+        r: system.r.clone(),
+        z: vec![Some(0.0); q],
+        u: Vec::new(),
+    };
+    let run = Run { instants: vec![instant; lag + 1], prior: Some((DVector::zeros(n), x.clone())) };
+    match run.posterior(run.start(), 0..lag + 1, 0) {
+        Verdict::Determined(posterior) => posterior.cov,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn lagged_covariance_is_that_of_the_joint_gaussian() {
+    let mut rng = Random::new(21);
+    for trial in 0..12 {
+        let system = Dense::random(&mut rng, 3, 1 + trial % 3, 0.7 + 0.05 * trial as f64);
+        let lossy: Lossy<3> = system.lossy();
+        let steady = lossy.upper_bound(1.0).expect("all of it is measured");
+        let x = DMatrix::from_fn(3, 3, |i, j| steady[(i, j)]);
+        for lag in [0, 1, 2, 5] {
+            let ours = lossy.lagged(&steady, Some(lag as u32)).expect("a sum with an end");
+            // The steady state is known to 1e-9 of itself.
+            assert!(deviation(&ours, &conditioned(&system, &x, lag)) < 1e-8, "{trial}, lag {lag}");
+        }
+        let filtered = lossy.filtered(&steady, 1.0);
+        assert!((lossy.lagged(&steady, Some(0)).unwrap() - filtered).amax() < 1e-12 * filtered.amax());
+        let all = lossy.lagged(&steady, None).expect("settles");
+        assert!(all.trace() < lossy.lagged(&steady, Some(1)).unwrap().trace());
+        // What an instant adds shrinks like ρ(A)² at least: after 60 instants less than 1e-10 is left where ρ ≤ 0.8.
+        if trial < 3 {
+            assert!(deviation(&all, &conditioned(&system, &x, 60)) < 1e-8, "{trial}");
         }
     }
 }

@@ -1,7 +1,8 @@
 //! One self-contained page about a trail: an HTML file with tables and charts that loads nothing and opens offline.
 //!
 //! Fill a [`Page`] and [`render`] it, or [`render_comparison`] one whose series are estimators compared with one another;
-//! [`render_reproduction`] makes the page of what comes of papers. Every text that comes from a user is escaped; equal pages give equal bytes.
+//! [`render_reproduction`] makes the page of what comes of papers, [`render_simulation`] that of a scenario's runs. Every text that comes from a
+//! user is escaped; equal pages give equal bytes.
 
 mod charts;
 mod comparison;
@@ -9,12 +10,14 @@ mod format;
 mod link;
 mod page;
 mod reproduction;
+mod simulation;
 mod svg;
 mod tables;
 
 pub use comparison::{Comparison, Entry};
 pub use page::{render, render_comparison};
 pub use reproduction::render_reproduction;
+pub use simulation::{Channel, Simulation, render_simulation};
 
 use fixtrail_sim::metrics::Score;
 use fixtrail_track::anchors::Anchors;

@@ -1,7 +1,7 @@
 //! Scenarios: what the estimators should reach, the same whatever the number of threads, and what a replay keeps.
 
 use fixtrail_sim::channels::{TracePacket, Variant};
-use fixtrail_sim::monte_carlo::{Shown, Summary, World, monte_carlo};
+use fixtrail_sim::monte_carlo::{Claim, Outcome, Shown, Summary, World, monte_carlo, outcome};
 use fixtrail_sim::replay::replay;
 use fixtrail_track::packet::{Content, Packet};
 use fixtrail_track::spec::{Per, Scenario, Shows, Simulated, World as Sent, parse_scenario};
@@ -205,4 +205,114 @@ fn replayed_recordings_keep_values_times_and_order_of_arrival() {
     let sent = replay(&recording, Per::Row, channel, 1).unwrap();
     assert_eq!((sent.sent, sent.lost), (12, 4));
     assert_eq!(sent, replay(&recording, Per::Row, channel, 1).unwrap());
+}
+
+/// What the runs of a scenario say over its first channel.
+fn told(text: &str, seed: u64) -> (Simulated, Outcome) {
+    let scenario = parsed(text);
+    let Sent::Simulated(world) = &scenario.world else { panic!("a recording") };
+    let channel = &Variant::all(&scenario.channel, world.interval_s, None).unwrap()[0];
+    ((**world).clone(), outcome(world, channel, seed, &|| ()).unwrap())
+}
+
+const WALK: &str = "[scenario]\nruns = 100\nsteps = 80\n[model]\nkind = \"constant-velocity\"\naxes = 2\nnoise = 0.1\nx0 = [0, 0, 1, 0]\n\
+                    P0 = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]\n[[sensor]]\nkind = \"position\"\nsd = 1.0\n\
+                    [channel]\nkind = \"bernoulli\"\nshows = \"last-received\"\n";
+
+#[test]
+fn bound_of_a_lossless_linear_scenario_is_what_the_kalman_filter_claims_and_reaches() {
+    let (_, outcome) = told(&format!("{WALK}loss_rate = 0\n[[contender]]\nestimator = {{ kind = \"kalman\" }}\n"), 1);
+    let (bound, kalman) = (outcome.bound.unwrap(), &outcome.contenders[0]);
+    let total: f64 = bound.mean_square.iter().map(|v| v.mean).sum();
+    // Two recursions for one covariance.
+    assert!((total / kalman.claimed.mean - 1.0).abs() < 1e-9, "{total} {:?}", kalman.claimed);
+    assert!((kalman.rmse.mean - bound.rms.mean).abs() < 4.0 * kalman.rmse.se, "{:?} {:?}", kalman.rmse, bound.rms);
+    // Half of 16 000 instants, whose errors are correlated over a few: a standard error of 1 %.
+    assert!((kalman.coverage[0].mean - 0.5).abs() < 4.0 * kalman.coverage[0].se && kalman.coverage[0].se < 0.01);
+    assert!((kalman.coverage[1].mean - 0.95).abs() < 4.0 * kalman.coverage[1].se);
+    assert_eq!(kalman.verdict.claim, Claim::Consistent, "{:?}", kalman.verdict);
+    let (low, high) = kalman.anis_band.unwrap();
+    assert!((low..high).contains(&kalman.anis.unwrap().mean), "{kalman:?}");
+    // The median of Rayleigh's distribution is √(2 ln 2) = 1.177 of an axis's deviation.
+    let axis = bound.rms.mean / 2.0_f64.sqrt();
+    assert!((kalman.quantiles[0] / (1.177 * axis) - 1.0).abs() < 0.04, "{:?} {axis}", kalman.quantiles);
+}
+
+#[test]
+fn smoothers_reach_the_steady_state_of_their_lag_and_no_instant_is_missing() {
+    let contenders = "[[contender]]\nestimator = { kind = \"rts\" }\n[[contender]]\nestimator = { kind = \"fixed-lag-kalman\", lag = 3 }\n\
+                      [[contender]]\nname = \"fms\"\nsmoothed = true\nestimator = { kind = \"fms\", window = 30, lag = 3 }\n\
+                      [[contender]]\nestimator = { kind = \"kalman\" }\n";
+    let lossless = WALK.replace("runs = 100\nsteps = 80", "runs = 40\nsteps = 300");
+    let (_, outcome) = told(&format!("{lossless}loss_rate = 0\n{contenders}"), 1);
+    let lags = &outcome.long_run.as_ref().unwrap().lags;
+    let steady = |lag: Option<u32>| {
+        let sds = &lags.iter().find(|(l, _)| *l == lag).unwrap().1;
+        (sds[0] * sds[0] + sds[1] * sds[1]).sqrt()
+    };
+    for (name, lag) in [("rts", None), ("fixed-lag-kalman", Some(3)), ("fms", Some(3))] {
+        let s = line(&outcome.contenders, name);
+        // The ends of a run, 10 of 300 instants, are not steady: within 2 %. A window of 30 loses less than that.
+        let off = (s.rmse.mean - steady(lag)).abs();
+        assert!(s.smoothed && off < 4.0 * s.rmse.se + 0.02 * steady(lag), "{name}: {:?} {}", s.rmse, steady(lag));
+        assert_eq!(s.verdict.claim, Claim::Consistent, "{name}: {:?}", s.verdict);
+    }
+    assert!(steady(None) < 0.99 * steady(Some(3)) && line(&outcome.contenders, "rts").missing == 0);
+
+    // Half of everything is lost, and an estimate of every instant there still is: of the last ones too, and where packets come late.
+    let late = "[[contender]]\nname = \"late\"\nestimator = { kind = \"rts\" }\nlink = { late_s = 9 }\n";
+    let (_, outcome) = told(&format!("{WALK}loss_rate = 0.5\ndelays = [0.5, 0.5]\n{contenders}{late}"), 1);
+    let rms = |name: &str| {
+        let s = line(&outcome.contenders, name);
+        assert_eq!((s.missing, s.failed), (0, 0), "{name}");
+        s.rmse.mean
+    };
+    assert!(rms("rts") < 0.8 * rms("kalman") && rms("late") < 0.8 * rms("rts"), "{outcome:?}");
+}
+
+#[test]
+fn bound_of_ranges_lies_a_little_below_a_good_filter() {
+    let scenario = committed("range_field.toml");
+    let world = simulated(&scenario, 60, 60);
+    let channel = &Variant::all(&scenario.channel, world.interval_s, None).unwrap()[0];
+    let outcome = outcome(&world, channel, 3, &|| ()).unwrap();
+    let (bound, ekf) = (outcome.bound.unwrap(), line(&outcome.contenders, "ekf, losses known"));
+    // Four ranges of 0.3 m an instant are nearly linear: the filter is efficient within some per cent, and not better than the bound.
+    let ratio = ekf.rmse.mean / bound.rms.mean;
+    assert!(ratio > 1.0 - 4.0 * ekf.rmse.se / bound.rms.mean && ratio < 1.15, "{:?} {:?}", ekf.rmse, bound.rms);
+    assert_eq!(bound.over_time.len(), 60);
+}
+
+#[test]
+fn a_known_trajectory_and_a_foreign_motion_have_no_bound() {
+    for (change, says) in [("start = \"mean\"\nnoise = false", "all is known"), ("", "do not move as the model says")] {
+        let motion = "[motion]\nkind = \"circle\"\ncentre_m = [0, 0]\nradius_m = 20\nspeed_mps = 1\n";
+        let text = format!("{}loss_rate = 0\n", WALK.replace("steps = 80", &format!("steps = 5\n{change}")));
+        let (_, outcome) = told(&format!("{text}{}", if change.is_empty() { motion } else { "" }), 1);
+        assert!(outcome.bound.as_ref().is_err_and(|why| why.contains(says)), "{outcome:?}");
+        assert!(outcome.long_run.is_none());
+    }
+}
+
+#[test]
+fn a_turning_target_is_compared_by_position_and_velocity() {
+    let motion = "[motion]\nkind = \"circle\"\ncentre_m = [0, 0]\nradius_m = 20\nspeed_mps = 2\n";
+    let world = "[scenario]\nruns = 20\nsteps = 100\n[model]\nkind = \"coordinated-turn\"\nnoise = 0.01\nturn_noise = 0.0001\n\
+                 x0 = [20, 0, 0, 2, 0.1]\nP0 = [[1,0,0,0,0],[0,1,0,0,0],[0,0,1,0,0],[0,0,0,1,0],[0,0,0,0,0.01]]\n\
+                 [[sensor]]\nkind = \"position\"\nsd = 1.0\n[channel]\nkind = \"bernoulli\"\nloss_rate = 0.1\n\
+                 [[contender]]\nestimator = { kind = \"ekf\" }\n";
+    let (world, outcome) = told(&format!("{world}{motion}"), 1);
+    let ekf = &outcome.contenders[0];
+    assert_eq!((ekf.mean_abs.len(), ekf.components, ekf.verdict.diverges.mean), (4, 4, 0.0));
+    // A turn that the model expects: better than a position alone, whose error is √2 m.
+    assert!(ekf.rmse.mean < 1.0, "{ekf:?}");
+    let channel =
+        &Variant::all(&parsed(&format!("{SCALAR}[channel]\nkind = \"bernoulli\"\nloss_rate = 0\n")).channel, 1.0, None)
+            .unwrap()[0];
+    let run = World::new(&world, channel, 1, 0).unwrap();
+    for (k, x) in run.states.iter().enumerate() {
+        let angle = 0.1 * k as f64;
+        let truth = [20.0 * angle.cos(), 20.0 * angle.sin(), -2.0 * angle.sin(), 2.0 * angle.cos()];
+        assert!(x.iter().zip(truth).all(|(a, b)| (a - b).abs() < 1e-9), "{k}: {x:?}");
+    }
 }

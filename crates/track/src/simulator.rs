@@ -5,7 +5,7 @@ use crate::model::{HeldRows, Model};
 use crate::packet::Content;
 use crate::tracker::Step;
 use fixtrail_core::linalg::{cholesky, semidefinite_factor};
-use fixtrail_core::{Matrix, Vector};
+use fixtrail_core::{Matrix, Vector, cramer_rao};
 
 /// Standard normal deviates, one at a call.
 pub type Normal<'a> = dyn FnMut() -> f64 + 'a;
@@ -26,6 +26,17 @@ pub trait Simulator: Send + Sync {
 
     /// `eᵀ P⁻¹ e`; `None` when P is not positive definite.
     fn nees(&self, error: &[f64], cov: &[f64]) -> Option<f64>;
+
+    /// Covariance of the prior; zeros without one.
+    fn start_cov(&self) -> Vec<f64>;
+
+    /// The Cramér–Rao bound `dt_s` after instant `k`, from that of a target at `x`
+    /// ([`cramer_rao::moved`](fixtrail_core::cramer_rao::moved)); `noisy`: whether targets have the model's process noise.
+    fn bound_moved(&self, k: u64, dt_s: f64, x: &[f64], bound: &[f64], noisy: bool) -> Vec<f64>;
+
+    /// The bound of a target at `x` once the packets of `step`, of which only kinds and anchors count, arrive together with probability
+    /// `arrival` ([`cramer_rao::measured`](fixtrail_core::cramer_rao::measured)).
+    fn bound_measured(&self, step: &Step<'_>, x: &[f64], bound: &[f64], arrival: f64) -> Vec<f64>;
 }
 
 impl<const N: usize> Simulator for Model<N> {
@@ -67,6 +78,22 @@ impl<const N: usize> Simulator for Model<N> {
         let (inverse, _) = fixtrail_core::linalg::definite_inverse(&Matrix::<N, N>::from_column_slice(cov))?;
         let e = Vector::<N>::from_column_slice(error);
         Some(e.dot(&(inverse * e)))
+    }
+
+    fn start_cov(&self) -> Vec<f64> {
+        self.prior.as_ref().map_or(vec![0.0; N * N], |prior| prior.cov.as_slice().to_vec())
+    }
+
+    fn bound_moved(&self, k: u64, dt_s: f64, x: &[f64], bound: &[f64], noisy: bool) -> Vec<f64> {
+        let leap = self.motion.leap(k, dt_s, &Vector::zeros(), &Vector::from_column_slice(x));
+        let q = if noisy { leap.q } else { Matrix::zeros() };
+        cramer_rao::moved(&Matrix::<N, N>::from_column_slice(bound), &leap.f, &q).as_slice().to_vec()
+    }
+
+    fn bound_measured(&self, step: &Step<'_>, x: &[f64], bound: &[f64], arrival: f64) -> Vec<f64> {
+        let mut rows = Vec::new();
+        self.sensing.rows(step, &Vector::from_column_slice(x), &mut rows);
+        cramer_rao::measured(&Matrix::<N, N>::from_column_slice(bound), &rows, arrival).as_slice().to_vec()
     }
 }
 

@@ -143,6 +143,25 @@ pub fn theory(spec: &Spec, interval_s: Option<f64>, arrival: f64) -> Result<Theo
     with_size!(n, N => Ok(describe(spec, &system::<N>(spec, interval_s)?, interval_s, arrival)), unknown())
 }
 
+/// Returns the standard deviation of each component of the state in the long run that a smoother leaves which stands each of `lags` instants
+/// behind the newest data, nothing lost; no lag is one that has all later data. `None` for a lag at which there is no steady state.
+///
+/// # Errors
+/// As [`theory`].
+pub fn smoothed(spec: &Spec, interval_s: Option<f64>, lags: &[Option<u32>]) -> Result<Vec<Option<Vec<f64>>>, String> {
+    fn each<const N: usize>(system: &Lossy<N>, lags: &[Option<u32>]) -> Vec<Option<Vec<f64>>> {
+        let steady = system.upper_bound(1.0);
+        let of_lag = |lag: &Option<u32>| {
+            let p = system.lagged(steady.as_ref()?, *lag)?;
+            Some((0..N).map(|i| p[(i, i)].max(0.0).sqrt()).collect())
+        };
+        lags.iter().map(of_lag).collect()
+    }
+    let n = registry::layout(spec).n();
+    let unknown = || Err("the state has a size that is not known".to_owned());
+    with_size!(n, N => Ok(each(&system::<N>(spec, interval_s)?, lags)), unknown())
+}
+
 /// The spec's model as one linear time-invariant system.
 fn system<const N: usize>(spec: &Spec, interval_s: Option<f64>) -> Result<Lossy<N>, String> {
     let refused = || "its matrices make no system".to_owned();

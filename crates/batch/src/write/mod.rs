@@ -6,6 +6,9 @@ mod geojson;
 mod ndjson;
 mod parquet;
 mod place;
+mod plain;
+
+pub use plain::{Cell, Holds, Plain, write_plain};
 
 use crate::table::TableMeta;
 use columns::Columns;

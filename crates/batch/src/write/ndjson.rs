@@ -11,13 +11,7 @@ pub(super) fn write(job: &Job<'_>, to: To<'_>) -> Result<(), WriteError> {
         TimeForm::Rfc3339 { offset_s, .. } => offset_s,
         TimeForm::Seconds | TimeForm::Index => 0,
     };
-    // `{"target":`, `,"t":`, …
-    let keys: Vec<String> = columns
-        .names
-        .iter()
-        .enumerate()
-        .map(|(i, name)| format!("{}{}:", if i == 0 { '{' } else { ',' }, json_text(name)))
-        .collect();
+    let keys = keys(&columns.names);
     let mut cells = Vec::new();
     job.rows(|target, row| {
         columns.fill(job, target, row, &mut cells)?;
@@ -28,7 +22,13 @@ pub(super) fn write(job: &Job<'_>, to: To<'_>) -> Result<(), WriteError> {
     })
 }
 
-fn write_cell(to: &mut dyn Write, cell: &OutCell<'_>, offset_s: i32) -> io::Result<()> {
+/// `{"target":`, `,"t":`, …
+pub(super) fn keys(names: &[String]) -> Vec<String> {
+    let key = |(i, name): (usize, &String)| format!("{}{}:", if i == 0 { '{' } else { ',' }, json_text(name));
+    names.iter().enumerate().map(key).collect()
+}
+
+pub(super) fn write_cell(to: &mut dyn Write, cell: &OutCell<'_>, offset_s: i32) -> io::Result<()> {
     match cell {
         OutCell::Absent => to.write_all(b"null"),
         OutCell::Float(x) => to.write_all(ryu::Buffer::new().format_finite(*x).as_bytes()),

@@ -18,49 +18,73 @@ const GROUP_ROWS: usize = 1 << 16;
 
 pub(super) fn write(job: &Job<'_>, to: To<'_>) -> Result<(), WriteError> {
     let columns = job.columns();
-    let mut message = "message trail {".to_owned();
-    for (name, kind) in columns.names.iter().zip(&columns.kinds) {
-        message.push_str(&match kind {
-            ColumnKind::Float => format!(" OPTIONAL DOUBLE {name};"),
-            ColumnKind::Index => format!(" OPTIONAL INT64 {name};"),
-            ColumnKind::Text => format!(" OPTIONAL BYTE_ARRAY {name} (STRING);"),
-            ColumnKind::Date => format!(" OPTIONAL INT64 {name} (TIMESTAMP(NANOS,true));"),
-        });
-    }
-    message.push_str(" }");
     let failed = |e: ParquetError| job.io(into_io(e));
-    let schema = parse_message_type(&message).map_err(failed)?;
-
     let origin = job.meta.origin.map(|o| {
         // Written out: the order of a JSON object's keys depends on how the whole program is built.
         let json = format!(r#"{{"lat":{:?},"lon":{:?},"alt":{:?}}}"#, o.lat_deg, o.lon_deg, o.alt_m);
         vec![KeyValue::new("fixtrail.origin".to_owned(), json)]
     });
-    let mut properties = WriterProperties::builder()
-        .set_compression(Compression::SNAPPY)
-        .set_dictionary_enabled(false)
-        .set_key_value_metadata(origin);
-    for (name, _) in columns.names.iter().zip(&columns.kinds).filter(|(_, kind)| **kind == ColumnKind::Text) {
-        properties = properties.set_column_dictionary_enabled(name.as_str().into(), true);
-    }
-
-    let mut file = SerializedFileWriter::new(to, Arc::new(schema), Arc::new(properties.build())).map_err(failed)?;
-    let mut buffers: Vec<Buffer> = columns.kinds.iter().map(|kind| Buffer::new(*kind)).collect();
-    let (mut cells, mut rows) = (Vec::new(), 0);
+    let mut rows = Rows::start("trail", &columns.names, &columns.kinds, origin, to).map_err(failed)?;
+    let mut cells = Vec::new();
     job.rows(|target, row| {
         columns.fill(job, target, row, &mut cells)?;
-        buffers.iter_mut().zip(&cells).for_each(|(buffer, cell)| buffer.push(cell));
-        rows += 1;
-        if rows % GROUP_ROWS == 0 { write_group(&mut file, &mut buffers).map_err(failed) } else { Ok(()) }
+        rows.push(&cells).map_err(failed)
     })?;
-    if rows % GROUP_ROWS != 0 {
-        write_group(&mut file, &mut buffers).map_err(failed)?;
-    }
-    file.close().map_err(failed)?;
-    Ok(())
+    rows.finish().map_err(failed)
 }
 
-fn into_io(error: ParquetError) -> io::Error {
+/// A Parquet file that takes rows.
+pub(super) struct Rows<'a> {
+    file: SerializedFileWriter<To<'a>>,
+    buffers: Vec<Buffer>,
+    rows: usize,
+}
+
+impl<'a> Rows<'a> {
+    pub fn start(
+        name: &str,
+        names: &[String],
+        kinds: &[ColumnKind],
+        metadata: Option<Vec<KeyValue>>,
+        to: To<'a>,
+    ) -> Result<Rows<'a>, ParquetError> {
+        let mut message = format!("message {name} {{");
+        for (name, kind) in names.iter().zip(kinds) {
+            message.push_str(&match kind {
+                ColumnKind::Float => format!(" OPTIONAL DOUBLE {name};"),
+                ColumnKind::Index => format!(" OPTIONAL INT64 {name};"),
+                ColumnKind::Text => format!(" OPTIONAL BYTE_ARRAY {name} (STRING);"),
+                ColumnKind::Date => format!(" OPTIONAL INT64 {name} (TIMESTAMP(NANOS,true));"),
+            });
+        }
+        message.push_str(" }");
+        let schema = parse_message_type(&message)?;
+        let mut properties = WriterProperties::builder()
+            .set_compression(Compression::SNAPPY)
+            .set_dictionary_enabled(false)
+            .set_key_value_metadata(metadata);
+        for (name, _) in names.iter().zip(kinds).filter(|(_, kind)| **kind == ColumnKind::Text) {
+            properties = properties.set_column_dictionary_enabled(name.as_str().into(), true);
+        }
+        let file = SerializedFileWriter::new(to, Arc::new(schema), Arc::new(properties.build()))?;
+        Ok(Rows { file, buffers: kinds.iter().map(|kind| Buffer::new(*kind)).collect(), rows: 0 })
+    }
+
+    pub fn push(&mut self, cells: &[OutCell<'_>]) -> Result<(), ParquetError> {
+        self.buffers.iter_mut().zip(cells).for_each(|(buffer, cell)| buffer.push(cell));
+        self.rows += 1;
+        if self.rows.is_multiple_of(GROUP_ROWS) { write_group(&mut self.file, &mut self.buffers) } else { Ok(()) }
+    }
+
+    pub fn finish(mut self) -> Result<(), ParquetError> {
+        if !self.rows.is_multiple_of(GROUP_ROWS) {
+            write_group(&mut self.file, &mut self.buffers)?;
+        }
+        self.file.close().map(drop)
+    }
+}
+
+pub(super) fn into_io(error: ParquetError) -> io::Error {
     match error {
         ParquetError::External(inner) => match inner.downcast::<io::Error>() {
             Ok(io) => *io,

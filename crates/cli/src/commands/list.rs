@@ -3,7 +3,7 @@
 use crate::failure::Failure;
 use crate::output::Results;
 use clap::{Args, ValueEnum};
-use fixtrail_track::spec::{CHANNELS, ESTIMATORS, LINKS, MODELS, Named, SCHEDULERS, SENSORS};
+use fixtrail_track::spec::{CHANNELS, ESTIMATORS, LINKS, MODELS, MOTIONS, Named, SCHEDULERS, SENSORS};
 use serde_json::{Map, Value, json};
 use std::process::ExitCode;
 
@@ -27,6 +27,7 @@ enum List {
     Links,
     Schedulers,
     Channels,
+    Motions,
 }
 
 impl List {
@@ -38,6 +39,7 @@ impl List {
             List::Links => ("links", LINKS),
             List::Schedulers => ("schedulers", SCHEDULERS),
             List::Channels => ("channels", CHANNELS),
+            List::Motions => ("motions", MOTIONS),
         }
     }
 }

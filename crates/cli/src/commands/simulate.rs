@@ -1,5 +1,6 @@
 //! `fixtrail simulate`: targets, a channel and estimators from a scenario; or a recording sent through a channel.
 
+mod rows;
 mod text;
 
 use crate::failure::Failure;
@@ -7,9 +8,10 @@ use crate::output::{Results, say};
 use crate::progress::Progress;
 use crate::{tables, whole};
 use clap::Args;
-use fixtrail_batch::{Input, ReadOptions, read_packet_trace, read_table};
+use fixtrail_batch::{Input, OutFormat, Output, ReadOptions, read_packet_trace, read_table, write_plain};
+use fixtrail_report::{Channel, Simulation, render_simulation};
 use fixtrail_sim::channels::Variant;
-use fixtrail_sim::monte_carlo::{ScenarioError, Summary, World as Run, monte_carlo};
+use fixtrail_sim::monte_carlo::{Outcome, ScenarioError, World as Run, outcome};
 use fixtrail_sim::replay::{Replay, replay};
 use fixtrail_track::registry;
 use fixtrail_track::spec::{ChannelSpec, LossSpec, Recorded, Scenario, Simulated, World, parse_scenario};
@@ -28,6 +30,7 @@ Examples:
   fixtrail simulate -c scenario.toml                 compares the scenario's contenders over its runs
   fixtrail simulate -c scenario.toml -o DIR          writes measurements.csv, truth.csv, anchors.csv of one run
   fixtrail simulate -c scenario.toml --runs 50 --json
+  fixtrail simulate -c scenario.toml --results runs.parquet --report report.html
 
 docs/scenario.md has every key of a scenario; examples/ has some. Results are the same on any number of threads.")]
 pub struct Arguments {
@@ -46,6 +49,12 @@ pub struct Arguments {
     /// Number of threads [default: one per processor]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
+    /// File for the results of each run and contender (.csv, .parquet, .ndjson)
+    #[arg(long, value_name = "FILE")]
+    results: Option<PathBuf>,
+    /// File for a page with tables, verdicts and charts
+    #[arg(long, value_name = "R.html")]
+    report: Option<PathBuf>,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -55,8 +64,8 @@ pub struct Arguments {
 pub struct Table {
     /// Loss rate of the channel.
     pub loss_rate: f64,
-    /// One line for each contender.
-    pub lines: Vec<Summary>,
+    /// What the runs say.
+    pub outcome: Outcome,
 }
 
 /// Runs the command.
@@ -126,6 +135,7 @@ fn simulate(arguments: &Arguments, world: &Simulated, scenario: &Scenario, seed:
             &"is missing, expected tables `[[contender]]`, or `-o DIR` for data alone",
         ));
     }
+    let format = writable(arguments, &world)?;
     let variants = variants(arguments, &scenario.channel, world.interval_s)?;
     let failed = |e: ScenarioError| match e {
         ScenarioError::Channel(e) => bad(arguments, "channel", &e),
@@ -141,15 +151,60 @@ fn simulate(arguments: &Arguments, world: &Simulated, scenario: &Scenario, seed:
     let bar = Progress::runs((world.runs * variants.len()) as u64);
     let mut results = Vec::new();
     for variant in &variants {
-        let lines = monte_carlo(&world, variant, seed, &|| bar.add(1)).map_err(failed)?;
-        results.push(Table { loss_rate: variant.loss_rate, lines });
+        let outcome = outcome(&world, variant, seed, &|| bar.add(1)).map_err(failed)?;
+        results.push(Table { loss_rate: variant.loss_rate, outcome });
     }
     drop(bar);
+    if let (Some(path), Some(format)) = (&arguments.results, format) {
+        write_plain(&Output::File(path.clone()), &rows::table(&results), format)
+            .map_err(|e| Failure::Bad(e.to_string()))?;
+        say(format_args!("wrote one row for each run and contender to {}", path.display()));
+    }
+    if let Some(path) = &arguments.report {
+        whole::write(path, page(arguments, &world, seed, &results).as_bytes())?;
+        say(format_args!("wrote the report to {}, it opens in any browser", path.display()));
+    }
     match arguments.json {
         true => Results::Stdout.json(&text::json(&world, seed, &results))?,
         false => Results::Stdout.line(text::report(&world, seed, &results))?,
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Finds out before a long run whether its outputs can be written; the format of the results.
+fn writable(arguments: &Arguments, world: &Simulated) -> Result<Option<OutFormat>, Failure> {
+    let outputs = [("results", &arguments.results), ("report", &arguments.report)];
+    let outputs: Vec<(&str, &Path)> =
+        outputs.into_iter().filter_map(|(role, path)| Some((role, path.as_deref()?))).collect();
+    if let (true, Some((role, path))) = (world.contenders.is_empty(), outputs.first()) {
+        return Err(bad(
+            arguments,
+            "contender",
+            &format_args!("is missing, expected tables `[[contender]]` for the {role} in {}", path.display()),
+        ));
+    }
+    whole::apart(&outputs, &[("scenario", &arguments.scenario)])?;
+    let Some(path) = &arguments.results else {
+        outputs.iter().try_for_each(|(_, path)| whole::check(path))?;
+        return Ok(None);
+    };
+    let format = OutFormat::of(&Output::File(path.clone())).map_err(|e| Failure::Bad(e.to_string()));
+    let format = format.ok().filter(|format| *format != OutFormat::GeoJson).ok_or_else(|| {
+        Failure::Bad(format!(
+            "{}: is no name for results of runs, expected one that ends in `.csv`, `.parquet` or `.ndjson`",
+            path.display()
+        ))
+    })?;
+    outputs.iter().try_for_each(|(_, path)| whole::check(path))?;
+    Ok(Some(format))
+}
+
+/// The report.
+fn page(arguments: &Arguments, world: &Simulated, seed: u64, results: &[Table]) -> String {
+    let name = arguments.scenario.file_stem().map_or("scenario".into(), |name| name.to_string_lossy());
+    let channels: Vec<Channel<'_>> =
+        results.iter().map(|t| Channel { loss_rate: t.loss_rate, outcome: &t.outcome }).collect();
+    render_simulation(&Simulation { title: &name, world, seed, channels: &channels })
 }
 
 fn write_run(folder: &Path, world: &Simulated, scenario: &Scenario, run: &Run<'_>) -> Result<(), Failure> {
@@ -184,6 +239,12 @@ fn resend(arguments: &Arguments, recorded: &Recorded, scenario: &Scenario, seed:
     let Some(folder) = &arguments.output else {
         return Err(Failure::Bad("a recording needs `-o DIR` for what arrives of it".to_owned()));
     };
+    if let Some(path) = arguments.results.as_ref().or(arguments.report.as_ref()) {
+        return Err(Failure::Bad(format!(
+            "{}: nothing is estimated of a recording, expected no `--results` and no `--report`",
+            path.display()
+        )));
+    }
     if let Some(runs) = arguments.runs {
         return Err(Failure::Bad(format!(
             "`--runs {runs}`: a recording is sent once, expected no `--runs` (`--seed` changes chance)"

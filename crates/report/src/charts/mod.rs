@@ -82,7 +82,7 @@ pub fn quantile(values: impl IntoIterator<Item = f64>, p: f64) -> f64 {
 }
 
 /// Width, ends of the horizontal axis and class of a chart over time, half or all of the page wide.
-fn size(wide: bool) -> (f64, [f64; 2], &'static str) {
+pub fn size(wide: bool) -> (f64, [f64; 2], &'static str) {
     if wide { (Frame::WIDE, Frame::WIDE_X_PX, "wide time") } else { (Frame::WIDTH, Frame::X_PX, "time") }
 }
 

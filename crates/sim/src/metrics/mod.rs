@@ -4,12 +4,16 @@
 //! linearly between order statistics: of n sorted values, the p-th stands at position p·(n − 1).
 
 mod at_truth;
+mod gauss;
+mod histogram;
 mod nis;
 mod ranking;
 mod row;
 mod stats;
 
 pub use at_truth::{Instant, Kind, Position, Predict, at_truth, gauss_markov, kinematic};
+pub use gauss::nees;
+pub use histogram::Histogram;
 pub use nis::{Nis, nis};
 pub use ranking::{Difference, Loss, Losses, Ranking, rank};
 pub use row::{Consistency, Errors, ScoreRow};

@@ -2,15 +2,18 @@
 
 use super::ScenarioError;
 use super::received::{Arrival, Reception, Shown, receive};
+use super::sample::{Judge, Sample, Told};
 use crate::channels::Variant;
+use crate::motions::{self, Kinematics};
 use fixtrail_track::anchors::Anchors;
 use fixtrail_track::error::StepError;
-use fixtrail_track::fix::{Fix, Sink};
+use fixtrail_track::fix::{Estimate, Fix, Sink};
+use fixtrail_track::layout::Layout;
 use fixtrail_track::packet::{Content, Packet};
 use fixtrail_track::pipeline::{Pipeline, Until};
 use fixtrail_track::registry;
 use fixtrail_track::simulator::{Simulator, filled};
-use fixtrail_track::spec::{Contender, FieldSpec, ModelSpec, Receiver, Shows, Simulated, Start};
+use fixtrail_track::spec::{Contender, FieldSpec, ModelSpec, MotionSpec, Receiver, Shows, Simulated, Start};
 use fixtrail_track::tracker::Step;
 use fixtrail_track::trackers::LaggedMode;
 use rand::RngExt;
@@ -19,11 +22,12 @@ use rand_pcg::Pcg64;
 
 /// What one run sends, and what becomes of it.
 pub struct World<'a> {
-    scenario: &'a Simulated,
-    simulator: Box<dyn Simulator>,
+    pub(super) scenario: &'a Simulated,
+    pub(super) simulator: Box<dyn Simulator>,
+    judge: Judge,
     /// The anchors of the run.
     pub anchors: Anchors,
-    /// The state at each instant.
+    /// The state at each instant; its first components where the motion has no more.
     pub states: Vec<Vec<f64>>,
     /// The measurements of each instant, as packets that carry their time.
     pub sent: Vec<Vec<Packet>>,
@@ -31,46 +35,60 @@ pub struct World<'a> {
     pub reception: Reception,
 }
 
-/// What a contender made of one run. Errors are those of x̂_{k|k}, from instant 1 on.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Sample {
-    /// Mean magnitude of the error of each state component.
-    pub mean_abs: Vec<f64>,
-    /// Mean square of the same.
-    pub mean_square: Vec<f64>,
-    /// Mean claimed variance of the same.
-    pub claimed: Vec<f64>,
-    /// Mean of the normalised estimation error squared, over the number of states.
-    pub nees: f64,
-    /// Root mean square and last distance of the estimated from the true position, metres.
-    pub position_m: Option<(f64, f64)>,
-    /// Instants without an estimate.
-    pub missing: usize,
-    /// Why the run ended early.
-    pub failed: Option<String>,
+/// The last fix, or the last smoothed one.
+struct Newest {
+    half: Half,
+    told: Option<Told>,
 }
 
-/// The last fix.
-#[derive(Default)]
-struct Newest {
-    estimate: Option<(Vec<f64>, Vec<f64>)>,
+/// Every fix by the instant that it describes.
+struct All<'a> {
+    half: Half,
+    /// The number of a fix's instant in the scenario.
+    instant: &'a dyn Fn(u64, Option<f64>) -> usize,
+    told: Vec<Option<Told>>,
+}
+
+/// Which half of a fix counts.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Half {
+    /// Its own estimate.
+    Own,
+    /// That of the smoother beside it.
+    Lagged,
+}
+
+impl Half {
+    /// What a fix says, and of which instant.
+    fn of(self, fix: &Fix<'_>) -> Option<(u64, Option<f64>, Option<Told>)> {
+        let told = |estimate: Option<Estimate<'_>>, nis: Option<(f64, u32)>| {
+            estimate.map(|e| Told { mean: e.mean.to_vec(), cov: e.cov.to_vec(), nis })
+        };
+        let nis = fix.nis.filter(|_| fix.nis_dof > 0).map(|nis| (nis, fix.nis_dof));
+        match self {
+            Half::Own => Some((fix.k, fix.t_s, told(fix.estimate, nis))),
+            Half::Lagged => fix.lagged.map(|lagged| (lagged.k, lagged.t_s, told(lagged.estimate, None))),
+        }
+    }
+}
+
+impl Newest {
+    fn new(half: Half) -> Newest {
+        Newest { half, told: None }
+    }
 }
 
 impl Sink for Newest {
     fn fix(&mut self, fix: &Fix<'_>) {
-        self.estimate = fix.estimate.map(|e| (e.mean.to_vec(), e.cov.to_vec()));
+        self.told = self.half.of(fix).and_then(|(.., told)| told);
     }
 }
 
-/// Every fix by its instant.
-struct All {
-    estimates: Vec<Option<(Vec<f64>, Vec<f64>)>>,
-}
-
-impl Sink for All {
+impl Sink for All<'_> {
     fn fix(&mut self, fix: &Fix<'_>) {
-        if let Some(at) = self.estimates.get_mut(fix.k as usize) {
-            *at = fix.estimate.map(|e| (e.mean.to_vec(), e.cov.to_vec()));
+        let Some((k, t_s, told)) = self.half.of(fix) else { return };
+        if let Some(at) = self.told.get_mut((self.instant)(k, t_s)) {
+            *at = told;
         }
     }
 }
@@ -84,24 +102,21 @@ impl<'a> World<'a> {
         // One stream per purpose and run: what one draws never moves another.
         let stream = |purpose: u64| Pcg64::new(u128::from(seed), u128::from(number) * 4 + u128::from(purpose));
         let (mut motion, mut noise, mut network, mut place) = (stream(0), stream(1), stream(2), stream(3));
-        let mut normal = || StandardNormal.sample(&mut motion);
         let anchors = scenario.field.as_ref().map(|f| field(f, &mut place)).unwrap_or_default();
         let simulator = registry::simulator(&scenario.truth, &anchors)?;
-        let mut states = Vec::with_capacity(scenario.steps + 1);
-        states.push(simulator.start(match scenario.start {
-            Start::Drawn => Some(&mut normal),
-            Start::Mean => None,
-        }));
-        for k in 0..scenario.steps {
-            let noise: Option<&mut dyn FnMut() -> f64> = if scenario.noisy { Some(&mut normal) } else { None };
-            let next = simulator.leap(k as u64, scenario.interval_s, &states[k], noise);
-            states.push(next);
-        }
+        let layout = registry::layout(&scenario.truth);
+        let states = match &scenario.motion {
+            None => modelled(scenario, &*simulator, &mut motion),
+            Some(spec) => moved(scenario, spec, &layout, &*simulator, &mut motion),
+        };
         let mut normal = || StandardNormal.sample(&mut noise);
         let sent = (states.iter().enumerate())
             .map(|(k, x)| {
                 let mut packets = templates(scenario, &anchors, k, x);
-                let values = simulator.measure(&Step::new(k as u64, None, &packets), x, &mut normal);
+                // Sensors see nothing of what a motion does not have.
+                let mut whole = x.clone();
+                whole.resize(simulator.n(), 0.0);
+                let values = simulator.measure(&Step::new(k as u64, None, &packets), &whole, &mut normal);
                 let each = values.len() / packets.len().max(1);
                 for (packet, values) in packets.iter_mut().zip(values.chunks(each.max(1))) {
                     packet.content = filled(&packet.content, values);
@@ -111,7 +126,7 @@ impl<'a> World<'a> {
             .collect();
         let mut channel = channel.open()?;
         let reception = receive(channel.as_mut(), scenario.steps + 1, scenario.interval_s, &mut network);
-        Ok(World { scenario, simulator, anchors, states, sent, reception })
+        Ok(World { scenario, simulator, judge: Judge::new(&layout, scenario.lost_m), anchors, states, sent, reception })
     }
 
     /// Feeds a contender with what it receives, and compares its estimate of each instant with the truth.
@@ -119,98 +134,172 @@ impl<'a> World<'a> {
     /// # Errors
     /// [`ScenarioError`] when its spec makes no estimator.
     pub fn estimate(&self, contender: &Contender) -> Result<Sample, ScenarioError> {
-        let mut pipeline = Pipeline::new(&contender.spec, &self.anchors, LaggedMode::Own)?;
-        let count = self.states.len();
-        let mut all = All { estimates: vec![None; count] };
+        // A smoother's own rows are smoothed; of others the half beside the filter is.
+        let half = match contender.smoothed && !contender.spec.estimator.is_smoother() {
+            true => Half::Lagged,
+            false => Half::Own,
+        };
+        let mode = if half == Half::Lagged { LaggedMode::Both } else { LaggedMode::Own };
+        let mut pipeline = Pipeline::new(&contender.spec, &self.anchors, mode)?;
+        let by_number = |k: u64, _: Option<f64>| k as usize;
+        let by_time =
+            |k: u64, t_s: Option<f64>| t_s.map_or(k as usize, |t_s| (t_s / self.scenario.interval_s).round() as usize);
+        let is_told = matches!(contender.spec.link.receiver, Receiver::Stamped { .. });
+        let instant: &dyn Fn(u64, Option<f64>) -> usize =
+            if is_told && !self.is_linear() { &by_time } else { &by_number };
+        let mut all = All { half, instant, told: vec![None; self.states.len()] };
         let failed = match contender.spec.link.receiver {
             Receiver::Unstamped { .. } => self.show(&mut pipeline, contender.shows, &mut all),
-            Receiver::Stamped { late_s } => self.tell(&mut pipeline, contender.shows, late_s.is_some(), &mut all),
+            Receiver::Stamped { late_s } => {
+                let take = |at: usize, k: usize| late_s.is_some() || at == k;
+                match contender.smoothed {
+                    true => self.tell_smoother(&mut pipeline, contender.shows, take, &mut all),
+                    false => self.tell(&mut pipeline, contender.shows, take, &mut all),
+                }
+            }
         };
-        Ok(self.judge(&all.estimates, failed.err().map(|e| e.to_string())))
+        let failed = failed.err().map(|e| e.to_string());
+        Ok(self.judge.sample(&*self.simulator, &self.states, &all.told, failed))
     }
 
     /// Feeds a receiver that shows what it holds.
-    fn show(&self, pipeline: &mut Pipeline, shows: Shows, all: &mut All) -> Result<(), StepError> {
+    fn show(&self, pipeline: &mut Pipeline, shows: Shows, all: &mut All<'_>) -> Result<(), StepError> {
         for packet in self.held(shows) {
             pipeline.push(packet, all)?;
         }
         pipeline.finish(all)
     }
 
-    /// Feeds a receiver that is told when its packets were sensed. What the paper's channel shows again it has already; without `late` it
-    /// has no use for what is not in time.
-    fn tell(&self, pipeline: &mut Pipeline, shows: Shows, late: bool, all: &mut All) -> Result<(), StepError> {
+    fn is_linear(&self) -> bool {
+        matches!(self.scenario.truth.model, ModelSpec::Linear(_))
+    }
+
+    /// The instants whose packets come at each instant to a receiver that is told when they were sensed, each once, as far as it can use
+    /// them by `take(sensed, now)`. What the paper's channel shows again it has already.
+    fn news(&self, shows: Shows, take: impl Fn(usize, usize) -> bool) -> Vec<Vec<usize>> {
         let shown = self.reception.shown(shows);
         let mut known = vec![false; self.states.len()];
         known[0] = true;
-        let is_linear = matches!(self.scenario.truth.model, ModelSpec::Linear(_));
-        if let (false, Some(first)) = (is_linear, self.sent[0].first()) {
+        let come = |k: usize| match (shows, shown[k]) {
+            (Shows::Paper, Shown::Sensed(at)) => vec![at],
+            (Shows::Paper, Shown::Zero) => Vec::new(),
+            _ => self.reception.arrived[k].iter().map(|arrival| arrival.sensed).collect(),
+        };
+        (0..self.states.len())
+            .map(|k| {
+                let usable = come(k).into_iter().filter(|at| take(*at, k));
+                usable.filter(|at| !std::mem::replace(&mut known[*at], true)).collect()
+            })
+            .collect()
+    }
+
+    /// Feeds a receiver that is told when its packets were sensed, and asks it at each instant.
+    fn tell(
+        &self,
+        pipeline: &mut Pipeline,
+        shows: Shows,
+        take: impl Fn(usize, usize) -> bool,
+        all: &mut All<'_>,
+    ) -> Result<(), StepError> {
+        if let (false, Some(first)) = (self.is_linear(), self.sent[0].first()) {
             // The prior stands at instant 0, of which nothing is told: an instant with a packet that measures nothing.
-            pipeline.push(Packet { content: Content::Position([None; 3]), ..first.clone() }, &mut Newest::default())?;
+            let nothing = Packet { content: Content::Position([None; 3]), ..first.clone() };
+            pipeline.push(nothing, &mut Newest::new(all.half))?;
         }
-        for k in 0..self.states.len() {
-            let came: Vec<usize> = match (shows, shown[k]) {
-                (Shows::Paper, Shown::Sensed(at)) => vec![at],
-                (Shows::Paper, Shown::Zero) => Vec::new(),
-                _ => self.reception.arrived[k].iter().map(|arrival| arrival.sensed).collect(),
-            };
-            for sensed in came.into_iter().filter(|sensed| late || *sensed == k) {
-                if !std::mem::replace(&mut known[sensed], true) {
-                    for packet in &self.sent[sensed] {
-                        pipeline.push(packet.clone(), &mut Newest::default())?;
-                    }
-                }
+        for (k, came) in self.news(shows, take).into_iter().enumerate() {
+            for packet in came.into_iter().flat_map(|at| &self.sent[at]) {
+                pipeline.push(packet.clone(), &mut Newest::new(all.half))?;
             }
-            let until = if is_linear { Until::Row(k as u64) } else { Until::Time(self.time_s(k)) };
-            let mut newest = Newest::default();
+            let until = if self.is_linear() { Until::Row(k as u64) } else { Until::Time(self.time_s(k)) };
+            let mut newest = Newest::new(all.half);
             pipeline.now(until, &mut newest)?;
-            all.estimates[k] = newest.estimate;
+            all.told[k] = newest.told;
         }
         Ok(())
+    }
+
+    /// Feeds a smoother whose receiver is told when its packets were sensed; its fixes stand at the instants that they describe.
+    fn tell_smoother(
+        &self,
+        pipeline: &mut Pipeline,
+        shows: Shows,
+        take: impl Fn(usize, usize) -> bool,
+        all: &mut All<'_>,
+    ) -> Result<(), StepError> {
+        let last = self.states.len() - 1;
+        for (k, came) in self.news(shows, take).into_iter().enumerate() {
+            // An instant of which nothing is told is estimated too. A linear run fills its gaps, but for the last; others need a packet that
+            // measures nothing: of a kind that no scenario has a sensor for, so that what comes late is no copy of it.
+            if let Some(first) = self.sent[k].first() {
+                let nothing = match &first.content {
+                    Content::Linear { z, u } if k == last && !came.contains(&k) => {
+                        Some(Content::Linear { z: vec![None; z.len()], u: u.clone() })
+                    }
+                    Content::Linear { .. } => None,
+                    _ => Some(Content::Bearing { anchor: 0, value_rad: 0.0 }),
+                };
+                if let Some(content) = nothing {
+                    pipeline.push(Packet { content, ..first.clone() }, all)?;
+                }
+            }
+            for packet in came.into_iter().flat_map(|at| &self.sent[at]) {
+                pipeline.push(packet.clone(), all)?;
+            }
+        }
+        pipeline.finish(all)
     }
 
     fn time_s(&self, k: usize) -> f64 {
         k as f64 * self.scenario.interval_s
     }
+}
 
-    fn judge(&self, estimates: &[Option<(Vec<f64>, Vec<f64>)>], failed: Option<String>) -> Sample {
-        let n = self.simulator.n();
-        let axes = registry::layout(&self.scenario.truth).axes;
-        let mut sample = Sample {
-            mean_abs: vec![0.0; n],
-            mean_square: vec![0.0; n],
-            claimed: vec![0.0; n],
-            nees: 0.0,
-            position_m: None,
-            missing: 0,
-            failed,
-        };
-        let (mut count, mut square_m2, mut last_m) = (0.0, 0.0, 0.0);
-        for (x, estimate) in self.states.iter().zip(estimates).skip(1) {
-            let Some((mean, cov)) = estimate else {
-                sample.missing += 1;
-                continue;
-            };
-            count += 1.0;
-            let error: Vec<f64> = mean.iter().zip(x).map(|(a, b)| a - b).collect();
-            for i in 0..n {
-                sample.mean_abs[i] += error[i].abs();
-                sample.mean_square[i] += error[i] * error[i];
-                sample.claimed[i] += cov[i * n + i];
-            }
-            sample.nees += self.simulator.nees(&error, cov).unwrap_or(f64::INFINITY) / n as f64;
-            let distance_m2: f64 = error[..axes].iter().map(|e| e * e).sum();
-            square_m2 += distance_m2;
-            last_m = distance_m2.sqrt();
-        }
-        if count > 0.0 {
-            let means = sample.mean_abs.iter_mut().chain(&mut sample.mean_square).chain(&mut sample.claimed);
-            means.for_each(|v| *v /= count);
-            sample.nees /= count;
-            sample.position_m = (axes > 0).then(|| ((square_m2 / count).sqrt(), last_m));
-        }
-        sample
+/// States of a target that moves as the model says.
+fn modelled(scenario: &Simulated, simulator: &dyn Simulator, rng: &mut Pcg64) -> Vec<Vec<f64>> {
+    let mut normal = || StandardNormal.sample(rng);
+    let mut states = Vec::with_capacity(scenario.steps + 1);
+    states.push(simulator.start(match scenario.start {
+        Start::Drawn => Some(&mut normal),
+        Start::Mean => None,
+    }));
+    for k in 0..scenario.steps {
+        let noise: Option<&mut dyn FnMut() -> f64> = if scenario.noisy { Some(&mut normal) } else { None };
+        let next = simulator.leap(k as u64, scenario.interval_s, &states[k], noise);
+        states.push(next);
     }
+    states
+}
+
+/// What the model's state has of a target that moves otherwise: position, velocity and acceleration, as far as they go.
+fn moved(
+    scenario: &Simulated,
+    spec: &MotionSpec,
+    layout: &Layout,
+    simulator: &dyn Simulator,
+    rng: &mut Pcg64,
+) -> Vec<Vec<f64>> {
+    let axes = layout.axes;
+    let start = match scenario.start {
+        Start::Drawn => simulator.start(Some(&mut || StandardNormal.sample(rng))),
+        Start::Mean => simulator.start(None),
+    };
+    let of = |order: usize| {
+        let there = axes > 0 && layout.names.get(order * axes).is_some_and(|name| name == ["x", "vx", "ax"][order]);
+        core::array::from_fn(|axis| if there && axis < axes { start[order * axes + axis] } else { 0.0 })
+    };
+    let start = Kinematics { position_m: of(0), velocity_mps: of(1), acceleration_mps2: of(2) };
+    let orders = 1 + usize::from(layout.has_velocity) + usize::from(layout.names.iter().any(|name| name == "ax"));
+    let mut path = motions::open(spec, axes, start, rng);
+    (0..=scenario.steps)
+        .map(|k| {
+            if k > 0 {
+                path.advance(scenario.interval_s, rng);
+            }
+            let Kinematics { position_m, velocity_mps, acceleration_mps2 } = path.now();
+            let all = [position_m, velocity_mps, acceleration_mps2];
+            all.iter().take(orders).flat_map(|order| &order[..axes]).copied().collect()
+        })
+        .collect()
 }
 
 /// Sensors anywhere in the field.

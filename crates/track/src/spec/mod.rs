@@ -9,6 +9,7 @@ mod linear;
 mod link;
 mod matrix;
 mod model;
+mod motion;
 mod names;
 mod parse;
 mod scenario;
@@ -23,7 +24,8 @@ mod tests;
 pub use compact::split_estimators;
 pub use estimator::MAX_WINDOW;
 pub use matrix::{MAX_INPUT, MAX_MEASUREMENT, MAX_STATE};
-pub use names::{CHANNELS, ESTIMATORS, LINKS, MODELS, Named, SCHEDULERS, SENSORS};
+pub use motion::{MotionSpec, Shape, Walls};
+pub use names::{CHANNELS, ESTIMATORS, LINKS, MODELS, MOTIONS, Named, SCHEDULERS, SENSORS};
 pub use parse::parse;
 pub use scenario::{
     ChannelSpec, Contender, FieldSpec, LossSpec, Per, Recorded, Scenario, Shows, Simulated, Start, World,

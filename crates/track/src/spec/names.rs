@@ -95,6 +95,16 @@ pub const CHANNELS: &[Named] = &[
     ("trace", "what a real link did is done again, packet by packet"),
 ];
 
+/// `motion.kind` of a scenario.
+pub const MOTIONS: &[Named] = &[
+    ("model", "as `[model]` says"),
+    ("circle", "round a centre at constant speed"),
+    ("constant-speed", "at constant velocity, with noise on the position alone"),
+    ("acceleration", "at constant velocity, with an acceleration in each interval that is then forgotten"),
+    ("bouncing", "straight on until the wall of a rectangle, then on in another direction"),
+    ("profile", "an acceleration over time: a step, a ramp or a triangle"),
+];
+
 /// `sensor.robust`.
 pub(super) const ROBUST: &[Named] = &[
     ("none", "uses every measurement"),

@@ -21,7 +21,7 @@ use super::matrix::{Definite, MAX_STATE, covariance};
 use super::names::{CHANNELS, Named, choose};
 use super::schedule::{ScheduleSpec, schedule};
 use super::value::{Field, Node, Table};
-use super::{LinkSpec, Robust, SensorSpec, Spec, estimator, model, sensor};
+use super::{LinkSpec, MotionSpec, Robust, SensorSpec, Spec, estimator, model, motion, sensor};
 use crate::error::BuildError;
 use crate::packet::Kind;
 use std::collections::BTreeMap;
@@ -65,6 +65,10 @@ pub struct Simulated {
     pub noisy: bool,
     /// How targets move and are measured; the prior is where they start.
     pub truth: Spec,
+    /// How targets move where that is not as the model says.
+    pub motion: Option<MotionSpec>,
+    /// `lost_m`: a target is lost when its estimate ends further off than this.
+    pub lost_m: f64,
     /// Where ranges are taken from.
     pub field: Option<FieldSpec>,
     /// Whether sensors are chosen as the target goes, and how where a contender does not say.
@@ -104,6 +108,9 @@ pub struct Contender {
     pub shows: Shows,
     /// `schedule`: how its sensors are chosen.
     pub schedule: Option<ScheduleSpec>,
+    /// Whether its smoothed estimates count, which stand at earlier instants and know what came later: those of `rts` and
+    /// `fixed-lag-kalman` always, those of `fms` with `smoothed = true`.
+    pub smoothed: bool,
 }
 
 /// What a receiver without time stamps shows when nothing comes.
@@ -200,7 +207,7 @@ pub fn parse_scenario(
     let root = node.field(file, "").table("a scenario")?;
     root.only(
         "a scenario",
-        &["version", "scenario", "recording", "model", "sensor", "field", "channel", "schedule", "contender"],
+        &["version", "scenario", "recording", "model", "motion", "sensor", "field", "channel", "schedule", "contender"],
         &[],
     )?;
     if let Some(field) = root.get("version") {
@@ -222,7 +229,7 @@ fn seed(table: &Table<'_>) -> Result<u64, BuildError> {
 }
 
 fn recorded(root: &Table<'_>, field: &Field<'_>) -> Result<(u64, World), BuildError> {
-    for key in ["model", "sensor", "field", "schedule", "contender"] {
+    for key in ["model", "motion", "sensor", "field", "schedule", "contender"] {
         if let Some(field) = root.get(key) {
             return Err(
                 field.misfit("nothing of the kind beside `[recording]`: `fixtrail track` estimates what is written")
@@ -247,7 +254,7 @@ fn simulated(
     read: &mut dyn FnMut(&Path) -> std::io::Result<Vec<u8>>,
 ) -> Result<(u64, World), BuildError> {
     let table = field.table("a table `[scenario]`")?;
-    table.only("a scenario", &["runs", "steps", "seed", "interval_s", "start", "noise"], &[])?;
+    table.only("a scenario", &["runs", "steps", "seed", "interval_s", "start", "noise", "lost_m"], &[])?;
     let count = |key: &str| table.get(key).map_or(Ok(1), |field| field.count(1, MOST));
     let runs = count("runs")?;
     // Under a schedule there are as many instants as it wants.
@@ -265,12 +272,17 @@ fn simulated(
         _ => Start::Drawn,
     };
     let noisy = table.get("noise").map_or(Ok(true), |field| field.flag())?;
+    let lost_m = table.get("lost_m").map_or(Ok(10.0), |f| f.number("a positive distance in metres", |v| v > 0.0))?;
 
     let expected = "a table `[model]` with a `kind`";
     let model_table = root.require("model", expected)?.table(expected)?;
     let model = model::model(&model_table, read)?;
     if model.prior().is_none() {
         return Err(model_table.missing("x0", "the mean of where targets start, and `P0` beside it"));
+    }
+    let motion = root.get("motion").map_or(Ok(None), |field| motion::motion(&field, &model))?;
+    if let (Some(_), false, Some(field)) = (&motion, noisy, table.get("noise")) {
+        return Err(field.misfit("no `noise` beside a `[motion]`, which has its own"));
     }
     let sensors = sensor::sensors(root, &model)?;
     if let Some(other) = sensors.iter().find(|s| !matches!(s.kind, Kind::Position | Kind::Range | Kind::Linear)) {
@@ -314,7 +326,19 @@ fn simulated(
                 .collect::<Result<_, _>>()?
         }
     };
-    let world = Simulated { runs, steps, interval_s, start, noisy, truth, field, schedule: scheduled, contenders };
+    let world = Simulated {
+        runs,
+        steps,
+        interval_s,
+        start,
+        noisy,
+        truth,
+        motion,
+        lost_m,
+        field,
+        schedule: scheduled,
+        contenders,
+    };
     Ok((seed(&table)?, World::Simulated(Box::new(world))))
 }
 
@@ -340,7 +364,7 @@ fn contender(
     channel: &ChannelSpec,
     scheduled: Option<(&ScheduleSpec, &FieldSpec)>,
 ) -> Result<Contender, BuildError> {
-    table.only("a contender", &["name", "estimator", "link", "shows", "gate", "S0", "schedule"], &[])?;
+    table.only("a contender", &["name", "estimator", "link", "shows", "smoothed", "gate", "S0", "schedule"], &[])?;
     let estimator = match table.get("estimator") {
         None => truth.estimator,
         Some(field) => estimator::estimator(&field.table("a table with a `kind`")?, &truth.model, &truth.sensors)?,
@@ -370,7 +394,21 @@ fn contender(
         (Some(field), None) => return Err(field.misfit("no `schedule` without a `[schedule]` of the scenario")),
         (None, base) => base.map(|(base, _)| base.clone()),
     };
-    Ok(Contender { name, spec, shows, schedule })
+    let smoothed = match table.get("smoothed") {
+        None => estimator.is_smoother(),
+        Some(field) => match (field.flag()?, estimator.has_smoother(), estimator.is_smoother()) {
+            (true, false, _) => {
+                let what = format!("no `smoothed = true` of `{}`, which has no smoother", estimator.name());
+                return Err(field.misfit(what));
+            }
+            (false, _, true) => {
+                let what = format!("no `smoothed = false` of `{}`: its filter is `kalman` or `ekf`", estimator.name());
+                return Err(field.misfit(what));
+            }
+            (smoothed, ..) => smoothed,
+        },
+    };
+    Ok(Contender { name, spec, shows, schedule, smoothed })
 }
 
 fn shows(field: &Field<'_>) -> Result<Shows, BuildError> {

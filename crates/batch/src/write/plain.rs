@@ -1,0 +1,112 @@
+//! Tables that are no trails: rows of numbers and names.
+
+use super::columns::{ColumnKind, OutCell};
+use super::{OutFormat, Output, To, WriteError, csv, io_error, ndjson, parquet, place};
+use ::parquet::errors::ParquetError;
+use std::io;
+use std::path::Path;
+
+/// What a column holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Holds {
+    /// Numbers.
+    Numbers,
+    /// Whole numbers from 0.
+    Counts,
+    /// Names.
+    Names,
+}
+
+/// A cell.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Cell {
+    /// Nothing; also in place of a number that is not finite.
+    Absent,
+    /// In a column of numbers.
+    Number(f64),
+    /// In a column of counts.
+    Count(u64),
+    /// In a column of names.
+    Name(String),
+}
+
+/// A table.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plain {
+    /// Names of the columns, and what they hold.
+    pub columns: Vec<(String, Holds)>,
+    /// Rows, one cell for each column.
+    pub rows: Vec<Vec<Cell>>,
+}
+
+impl Cell {
+    fn out(&self) -> OutCell<'_> {
+        match self {
+            Cell::Number(x) if x.is_finite() => OutCell::Float(*x),
+            Cell::Count(n) => OutCell::Index(*n),
+            Cell::Name(name) => OutCell::Text(name),
+            Cell::Absent | Cell::Number(_) => OutCell::Absent,
+        }
+    }
+}
+
+/// Writes a table as CSV, Parquet or NDJSON. Numbers read back to the same bits.
+///
+/// # Errors
+/// [`WriteError`]; what was at the output before is still there then, and nothing else is left behind.
+pub fn write_plain(output: &Output, table: &Plain, format: OutFormat) -> Result<(), WriteError> {
+    let file = output.name();
+    place::write(output, |to| match format {
+        OutFormat::Csv => as_csv(table, file, to),
+        OutFormat::Ndjson => as_ndjson(table, to).map_err(|e| io_error(file, e)),
+        OutFormat::Parquet => as_parquet(table, to).map_err(|e| io_error(file, parquet::into_io(e))),
+        OutFormat::GeoJson => Err(WriteError::Unsupported {
+            file: file.to_owned(),
+            what: "is `.geojson`, but there are no positions in it: expected `.csv`, `.parquet` or `.ndjson`"
+                .to_owned(),
+        }),
+    })
+}
+
+fn names(table: &Plain) -> Vec<String> {
+    table.columns.iter().map(|(name, _)| name.clone()).collect()
+}
+
+fn cells(row: &[Cell]) -> Vec<OutCell<'_>> {
+    row.iter().map(Cell::out).collect()
+}
+
+fn as_csv(table: &Plain, file: &Path, to: To<'_>) -> Result<(), WriteError> {
+    let failed = |e: ::csv::Error| match e.into_kind() {
+        ::csv::ErrorKind::Io(e) => io_error(file, e),
+        other => io_error(file, io::Error::other(format!("{other:?}"))),
+    };
+    let (mut out, mut float) = (::csv::Writer::from_writer(to), ryu::Buffer::new());
+    out.write_record(names(table)).map_err(failed)?;
+    table.rows.iter().try_for_each(|row| csv::write_cells(&mut out, &cells(row), &mut float, 0)).map_err(failed)?;
+    out.flush().map_err(|e| io_error(file, e))
+}
+
+fn as_ndjson(table: &Plain, to: To<'_>) -> io::Result<()> {
+    let keys = ndjson::keys(&names(table));
+    for row in &table.rows {
+        for (key, cell) in keys.iter().zip(row) {
+            to.write_all(key.as_bytes())?;
+            ndjson::write_cell(to, &cell.out(), 0)?;
+        }
+        to.write_all(b"}\n")?;
+    }
+    Ok(())
+}
+
+fn as_parquet(table: &Plain, to: To<'_>) -> Result<(), ParquetError> {
+    let kind = |holds: Holds| match holds {
+        Holds::Numbers => ColumnKind::Float,
+        Holds::Counts => ColumnKind::Index,
+        Holds::Names => ColumnKind::Text,
+    };
+    let kinds: Vec<ColumnKind> = table.columns.iter().map(|(_, holds)| kind(*holds)).collect();
+    let mut rows = parquet::Rows::start("rows", &names(table), &kinds, None, to)?;
+    table.rows.iter().try_for_each(|row| rows.push(&cells(row)))?;
+    rows.finish()
+}
