@@ -1,7 +1,7 @@
 //! One run of a target whose sensors are chosen as it goes.
 
 use crate::channels::{Channel, Variant};
-use crate::monte_carlo::{ScenarioError, field};
+use crate::monte_carlo::{Judge, Sample, ScenarioError, Told, field};
 use fixtrail_track::anchors::Anchors;
 use fixtrail_track::closed_loop::{ClosedLoop, Taken, World};
 use fixtrail_track::packet::{AnchorId, Content, Packet};
@@ -33,6 +33,21 @@ impl Scheduled {
     /// Distance of the estimated from the true position at each instant from 1 on, m.
     pub fn errors_m(&self) -> impl Iterator<Item = f64> + '_ {
         self.taken.iter().zip(&self.states[1..]).map(|(t, x)| (t.mean[0] - x[0]).hypot(t.mean[1] - x[1]))
+    }
+
+    /// What is to be said of the run.
+    ///
+    /// # Errors
+    /// [`ScenarioError`] when the numbers of the scenario make no model.
+    pub(crate) fn sample(&self, scenario: &Simulated) -> Result<Sample, ScenarioError> {
+        let simulator = registry::simulator(&scenario.truth, &self.anchors)?;
+        let told = |t: &Taken| Some(Told { mean: t.mean.clone(), cov: t.cov.clone(), nis: t.nis });
+        let estimates: Vec<Option<Told>> = std::iter::once(None).chain(self.taken.iter().map(told)).collect();
+        let judge = Judge::new(&registry::layout(&scenario.truth), scenario.lost_m);
+        let mut sample = judge.sample(&*simulator, &self.states, &estimates, self.failed.clone());
+        sample.energy_mj = Some(self.energy_mj);
+        sample.time_steps = Some(self.taken.len() as f64);
+        Ok(sample)
     }
 
     /// Times at which another sensor took over.

@@ -69,6 +69,8 @@ pub struct Taken {
     pub mean: Vec<f64>,
     /// Its covariance, n × n.
     pub cov: Vec<f64>,
+    /// Normalised innovation squared and its degrees of freedom.
+    pub nis: Option<(f64, u32)>,
 }
 
 /// The newest estimate.
@@ -76,6 +78,7 @@ pub struct Taken {
 struct Newest {
     mean: Vec<f64>,
     cov: Vec<f64>,
+    nis: Option<(f64, u32)>,
 }
 
 impl Sink for Newest {
@@ -83,6 +86,7 @@ impl Sink for Newest {
         if let Some(estimate) = fix.estimate {
             self.mean = estimate.mean.to_vec();
             self.cov = estimate.cov.to_vec();
+            self.nis = fix.nis.filter(|_| fix.nis_dof > 0).map(|nis| (nis, fix.nis_dof));
         }
     }
 }
@@ -269,6 +273,7 @@ impl ClosedLoop {
             arrived: chosen.is_some_and(|(.., arrived)| arrived),
             mean: newest.mean,
             cov: newest.cov,
+            nis: newest.nis,
         }))
     }
 }

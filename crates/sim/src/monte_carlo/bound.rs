@@ -23,6 +23,9 @@ pub struct Bound {
 
 /// Why a scenario has no bound.
 pub fn missing(scenario: &Simulated) -> Option<&'static str> {
+    if scenario.schedule.is_some() {
+        return Some("what is measured depends on the estimates: sensors are chosen as the target goes");
+    }
     if scenario.motion.is_some() {
         return Some("targets do not move as the model says");
     }

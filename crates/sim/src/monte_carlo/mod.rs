@@ -17,12 +17,14 @@ pub use received::{Arrival, Reception, Shown, receive};
 pub use run::World;
 pub(crate) use run::field;
 pub use sample::{Instant, LOST_NEES, Sample};
+pub(crate) use sample::{Judge, Told};
 pub use summary::{Estimated, Moment, QUANTILES, Summary};
 pub use verdict::{Claim, Verdict};
 
 use self::bound::Bounds;
 use self::summary::Collected;
 use crate::channels::{DesignError, Variant};
+use crate::scheduling::scheduled;
 use fixtrail_track::error::BuildError;
 use fixtrail_track::spec::{ArrivalSpec, Contender, Receiver, Simulated};
 use rayon::prelude::*;
@@ -78,6 +80,15 @@ pub fn outcome(
     let no_bound = bound::missing(scenario);
     let arrival = 1.0 - channel.loss_rate;
     let run = |number: usize| -> Result<(Vec<Sample>, Vec<Vec<f64>>), ScenarioError> {
+        if let Some(schedule) = &scenario.schedule {
+            let of = |c: &Contender| {
+                let schedule = c.schedule.as_ref().unwrap_or(schedule);
+                scheduled(scenario, c, schedule, channel, seed, number as u64)?.sample(scenario)
+            };
+            let samples = contenders.iter().map(of).collect::<Result<_, _>>()?;
+            progress();
+            return Ok((samples, Vec::new()));
+        }
         let world = World::new(scenario, channel, seed, number as u64)?;
         let samples = contenders.iter().map(|c| world.estimate(c)).collect::<Result<_, _>>()?;
         let bound = if no_bound.is_none() { world.bound(arrival) } else { Vec::new() };
