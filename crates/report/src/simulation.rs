@@ -4,7 +4,7 @@ mod charts;
 mod tables;
 
 use crate::charts::series_class;
-use crate::format::{count, number, shortened};
+use crate::format::{count, shortened};
 use crate::page::shell;
 use fixtrail_sim::monte_carlo::Outcome;
 use fixtrail_track::registry;
@@ -44,7 +44,7 @@ pub fn render_simulation(simulation: &Simulation<'_>) -> String {
         "{} runs of {} instants, {} s apart, seed {seed}: errors with their standard errors over the runs, beside what theory allows",
         count(world.runs),
         count(world.steps),
-        number(world.interval_s)
+        world.interval_s
     );
     let drawn = evenly(channels.len());
     let body = html! {
@@ -76,7 +76,7 @@ fn evenly(channels: usize) -> Vec<usize> {
 fn heading(channel: &Channel<'_>) -> String {
     match channel.loss_rate {
         0.0 => "Nothing lost".to_owned(),
-        rate => format!("{} % of the packets lost", number(100.0 * rate)),
+        rate => format!("{} % of the packets lost", (1e4 * rate).round() / 100.0),
     }
 }
 

@@ -316,3 +316,25 @@ fn a_turning_target_is_compared_by_position_and_velocity() {
         assert!(x.iter().zip(truth).all(|(a, b)| (a - b).abs() < 1e-9), "{k}: {x:?}");
     }
 }
+
+#[test]
+fn bound_under_losses_counts_the_information_that_arrives() {
+    let scalar = SCALAR.replace("steps = 6", "runs = 3\nsteps = 60");
+    let contender = "[[contender]]\nestimator = { kind = \"kalman\" }\n";
+    let (_, outcome) = told(&format!("{scalar}[channel]\nkind = \"bernoulli\"\nloss_rate = 0.4\n{contender}"), 1);
+    // 1/p = 1/(0.81 p + 1) + 0.6: a quadratic in p.
+    let (a, b, c) = (0.6 * 0.81, 1.0 + 0.6 - 0.81, -1.0);
+    let p = (-b + f64::sqrt(b * b - 4.0 * a * c)) / (2.0 * a);
+    let last = outcome.bound.unwrap().over_time[59];
+    assert!((last * last - p).abs() < 1e-12, "{last} {p}");
+}
+
+#[test]
+fn a_target_is_lost_beyond_the_distance_that_the_scenario_says() {
+    for (lost_m, share) in [(1e-9, 1.0), (1e9, 0.0)] {
+        let text = WALK.replace("runs = 100", &format!("runs = 5\nlost_m = {lost_m:?}"));
+        let (_, outcome) =
+            told(&format!("{text}loss_rate = 0\n[[contender]]\nestimator = {{ kind = \"kalman\" }}\n"), 1);
+        assert_eq!(outcome.contenders[0].verdict.diverges.mean, share);
+    }
+}

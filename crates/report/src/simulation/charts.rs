@@ -189,6 +189,16 @@ fn distribution(simulation: &Simulation<'_>, channel: &Channel<'_>, index: usize
     figure("", "How large errors are", &frame.draw(&body, &html! {}), caption)
 }
 
+/// A ratio and its degrees of freedom.
+#[derive(Clone, Copy)]
+struct Judged {
+    value: f64,
+    dof: f64,
+}
+
+/// What makes a ratio of a piece.
+type Of<'a> = dyn Fn(&Summary, &Moment) -> Option<Judged> + 'a;
+
 /// A consistency figure over time: a ratio that should be 1, with its band.
 struct Ratio<'a> {
     title: &'a str,
@@ -197,13 +207,12 @@ struct Ratio<'a> {
     caption: &'a str,
     /// Over the page's whole width.
     wide: bool,
-    /// Value and degrees of freedom of a piece.
-    of: &'a dyn Fn(&Summary, &Moment) -> Option<(f64, f64)>,
+    of: &'a Of<'a>,
 }
 
 fn ratio_figure(simulation: &Simulation<'_>, channel: &Channel<'_>, wanted: &Ratio<'_>) -> Option<Markup> {
     let all = &channel.outcome.contenders;
-    let curves: Vec<Vec<(f64, Option<(f64, f64)>)>> = all
+    let curves: Vec<Vec<(f64, Option<Judged>)>> = all
         .iter()
         .map(|s| pieces(simulation, &s.over_time).into_iter().map(|(t, m)| (t, (wanted.of)(s, &m))).collect())
         .collect();
@@ -211,7 +220,7 @@ fn ratio_figure(simulation: &Simulation<'_>, channel: &Channel<'_>, wanted: &Rat
     let band: Vec<Option<(f64, f64, f64)>> = widest
         .iter()
         .map(|(t, v)| {
-            let (_, dof) = (*v)?;
+            let dof = (*v)?.dof;
             let at = |p: f64| chi_square_quantile(dof as usize, p) / dof;
             Some((*t, at(0.025), at(0.975)))
         })
@@ -220,7 +229,7 @@ fn ratio_figure(simulation: &Simulation<'_>, channel: &Channel<'_>, wanted: &Rat
         return None;
     }
     let [least, most] = extent(band.iter().flatten().flat_map(|b| [b.1, b.2]));
-    let values = || curves.iter().flatten().filter_map(|(_, v)| v.map(|v| v.0)).filter(|v| *v > 0.0);
+    let values = || curves.iter().flatten().filter_map(|(_, v)| v.map(|v| v.value)).filter(|v| *v > 0.0);
     // One wild contender must not flatten the rest.
     let low = quantile(values(), 0.005).min(least).max(1e-2) / 1.1;
     let high = (1.1 * quantile(values(), 0.995).max(most)).min(1e3);
@@ -232,7 +241,7 @@ fn ratio_figure(simulation: &Simulation<'_>, channel: &Channel<'_>, wanted: &Rat
         path class="expected" d=(area(&band, x, y)) {}
         path class="mark-line" d=(format!("M{} {:.1}H{}", x.from, y.at(1.0), x.to)) {}
         @for (i, (s, curve)) in all.iter().zip(&curves).enumerate() {
-            @let points: Vec<_> = curve.iter().map(|(t, v)| v.map(|v| (*t, v.0))).collect();
+            @let points: Vec<_> = curve.iter().map(|(t, v)| v.map(|v| (*t, v.value))).collect();
             path class={ "line " (series_class(i)) } data-name=(s.name) d=(line(&points, x, y)) {}
         }
     };
@@ -258,7 +267,10 @@ fn nees(simulation: &Simulation<'_>, channel: &Channel<'_>, index: usize) -> Opt
         wide: false,
         caption: "Normalised estimation error squared over its degrees of freedom, mean over the runs at each instant. Runs are independent: a \
                   consistent estimator is in the grey chi-square band at 95 of 100 instants; above is optimistic, below pessimistic.",
-        of: &|s, m| Some((ratio(m.nees, m.count)?, m.count as f64 / steps * s.components as f64)),
+        of: &|s, m| {
+            let dof = m.count as f64 / steps * s.components as f64;
+            Some(Judged { value: ratio(m.nees, m.count)?, dof })
+        },
     };
     ratio_figure(simulation, channel, &wanted)
 }
@@ -271,7 +283,7 @@ fn nis(simulation: &Simulation<'_>, channel: &Channel<'_>, index: usize) -> Opti
         wide: true,
         caption: "Normalised innovation squared over its degrees of freedom, mean over the runs at each instant, with its grey 95 % chi-square \
                   band. A filter that knows the noise and what has arrived is inside; it needs no truth.",
-        of: &|_, m| Some((ratio(m.nis, m.nis_dof)?, m.nis_dof as f64)),
+        of: &|_, m| Some(Judged { value: ratio(m.nis, m.nis_dof)?, dof: m.nis_dof as f64 }),
     };
     ratio_figure(simulation, channel, &wanted)
 }

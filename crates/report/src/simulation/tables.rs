@@ -43,7 +43,7 @@ pub fn errors(world: &Simulated, outcome: &Outcome) -> Markup {
                 th { "RMSE" (unit) } th { "claimed" (unit) }
                 @for name in &layout.names[..columns] { th { "mean |" (name) "|" } }
                 th { "50 %" (unit) } th { "60 %" (unit) } th { "90 %" (unit) } th { "95 %" (unit) }
-                th { @if layout.is_linear() { "lost" } @else { "end > " (number(world.lost_m)) " m off" } }
+                th { @if layout.is_linear() { "lost" } @else { "end > " (world.lost_m) " m off" } }
                 @if energy { th { "energy [mJ]" } }
                 @if steps { th { "time steps" } }
                 th { "failed runs" } th { "instants missing" }
