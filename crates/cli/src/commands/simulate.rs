@@ -11,8 +11,10 @@ use clap::Args;
 use fixtrail_batch::{Input, OutFormat, Output, ReadOptions, read_packet_trace, read_table, write_plain};
 use fixtrail_report::{Channel, Simulation, render_simulation};
 use fixtrail_sim::channels::Variant;
-use fixtrail_sim::monte_carlo::{Outcome, ScenarioError, World as Run, outcome};
+use fixtrail_sim::monte_carlo::{Outcome, ScenarioError, World as Run, informed, outcome};
 use fixtrail_sim::replay::{Replay, replay};
+use fixtrail_sim::scheduling::{Scheduled, scheduled};
+use fixtrail_track::packet::{Content, Packet};
 use fixtrail_track::registry;
 use fixtrail_track::spec::{ChannelSpec, LossSpec, Recorded, Scenario, Simulated, World, parse_scenario};
 use fixtrail_track::target::TargetPackets;
@@ -141,9 +143,23 @@ fn simulate(arguments: &Arguments, world: &Simulated, scenario: &Scenario, seed:
         ScenarioError::Channel(e) => bad(arguments, "channel", &e),
         ScenarioError::Build(e) => bad(arguments, e.place.key.as_deref().unwrap_or("model"), &e.what),
     };
-    if let Some(folder) = &arguments.output {
-        let run = Run::new(&world, &variants[0], seed, 0).map_err(failed)?;
-        write_run(folder, &world, scenario, &run)?;
+    match (&arguments.output, world.contenders.first().map(|first| (first, first.schedule.as_ref()))) {
+        (Some(folder), Some((first, Some(schedule)))) => {
+            let run = scheduled(&world, &informed(first, &variants[0]), schedule, &variants[0], seed, 0);
+            write_scheduled(folder, &run.map_err(failed)?)?;
+        }
+        (Some(_), None) if world.schedule.is_some() => {
+            return Err(bad(
+                arguments,
+                "contender",
+                &"is missing, expected a table `[[contender]]` whose estimates the sensors are chosen by",
+            ));
+        }
+        (Some(folder), _) => {
+            let run = Run::new(&world, &variants[0], seed, 0).map_err(failed)?;
+            write_run(folder, &world, scenario, &run)?;
+        }
+        _ => {}
     }
     if world.contenders.is_empty() {
         return Ok(ExitCode::SUCCESS);
@@ -232,6 +248,26 @@ fn write_run(folder: &Path, world: &Simulated, scenario: &Scenario, run: &Run<'_
         whole::write(&anchors, tables::anchors(&run.anchors).as_bytes())?;
     }
     say(format_args!("wrote measurements.csv, held.csv and truth.csv of the first run to {}", folder.display()));
+    Ok(())
+}
+
+/// What the first contender's sensors measured and what of it arrived, and where the target was at those instants.
+fn write_scheduled(folder: &Path, run: &Scheduled) -> Result<(), Failure> {
+    let [measurements, truth, anchors] = files(folder, ["measurements.csv", "truth.csv", "anchors.csv"])?;
+    let target = Some("T".to_owned());
+    let packets = run.taken.iter().filter(|t| t.arrived).filter_map(|t| {
+        let content = Content::Range { anchor: t.plan.chosen?.sensor as u32, value_m: t.measured_m? };
+        let (seq, received_s) = (Some(t.k), Some(t.t_s));
+        Some(Packet { t_s: t.t_s, k: None, content, sd: None, seq, received_s, arrival: None, line: t.k })
+    });
+    let packets = TargetPackets { target: target.clone(), packets: packets.collect() };
+    whole::write(&measurements, tables::measurements(&[packets], &run.anchors).as_bytes())?;
+    let times = std::iter::once(0.0).chain(run.taken.iter().map(|t| t.t_s));
+    let point = |(t_s, x): (f64, &Vec<f64>)| TruthPoint { t_s, position_m: [Some(x[0]), Some(x[1]), None] };
+    let points = times.zip(&run.states).map(point).collect();
+    whole::write(&truth, tables::truth(&[TargetTruth { target, points }]).as_bytes())?;
+    whole::write(&anchors, tables::anchors(&run.anchors).as_bytes())?;
+    say(format_args!("wrote measurements.csv, truth.csv and anchors.csv of the first run to {}", folder.display()));
     Ok(())
 }
 

@@ -82,8 +82,13 @@ fn errors_scale(values: Vec<f64>) -> Scale {
     Scale::linear([0.0, if high > 0.0 { 1.05 * high } else { 1.0 }], Frame::Y_PX)
 }
 
+/// Whether instants are numbered: those of a schedule are not equally far apart.
+fn numbered(simulation: &Simulation<'_>) -> bool {
+    is_linear(simulation) || simulation.world.schedule.is_some()
+}
+
 fn time(simulation: &Simulation<'_>) -> TimeAxis {
-    match is_linear(simulation) {
+    match numbered(simulation) {
         true => TimeAxis::index(simulation.world.steps as u64),
         false => TimeAxis::seconds(0.0, simulation.world.steps as f64 * simulation.world.interval_s),
     }
@@ -91,7 +96,7 @@ fn time(simulation: &Simulation<'_>) -> TimeAxis {
 
 /// Where instant `k` stands on the time axis.
 fn place(simulation: &Simulation<'_>, k: usize) -> f64 {
-    let at = if is_linear(simulation) { 1.0 } else { simulation.world.interval_s };
+    let at = if numbered(simulation) { 1.0 } else { simulation.world.interval_s };
     time(simulation).of(k as f64 * at)
 }
 

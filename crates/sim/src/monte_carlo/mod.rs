@@ -122,7 +122,7 @@ pub fn outcome(
 }
 
 /// The contender, told the channel's arrival rate where its spec says nothing.
-fn informed(contender: &Contender, channel: &Variant) -> Contender {
+pub fn informed(contender: &Contender, channel: &Variant) -> Contender {
     let mut contender = contender.clone();
     let link = &mut contender.spec.link;
     if link.arrival.is_none() && matches!(link.receiver, Receiver::Unstamped { .. }) {

@@ -55,7 +55,7 @@ pub enum World {
 pub struct Simulated {
     /// `runs`.
     pub runs: usize,
-    /// `steps`: instants after the start.
+    /// `steps`: instants after the start; under a schedule the most that there can be.
     pub steps: usize,
     /// `interval_s` between two instants.
     pub interval_s: f64,
@@ -303,6 +303,9 @@ fn simulated(
         return Err(root.missing("field", "a table `[field]` with the sensors that ranges are taken from"));
     }
     let scheduled = root.get("schedule").map(|at| match &field {
+        _ if motion.is_some() => {
+            Err(at.misfit("no `[schedule]` beside a `[motion]`: scheduled targets move as the model says"))
+        }
         Some(f) if plane => schedule(&at, f.sensors, None),
         _ => Err(at.misfit("no `[schedule]` without a `[field]` of range sensors and a model in the plane")),
     });
@@ -326,6 +329,12 @@ fn simulated(
                 .collect::<Result<_, _>>()?
         }
     };
+    let most_steps = |s: &ScheduleSpec| (s.duration_s / s.intervals_s[0]).ceil() as usize;
+    let of_contenders = contenders.iter().filter_map(|c| c.schedule.as_ref());
+    let steps = scheduled.iter().chain(of_contenders).map(most_steps).max().unwrap_or(steps);
+    if steps > MOST {
+        return Err(root.error("schedule.duration_s", format!("makes up to {steps} instants, expected at most {MOST}")));
+    }
     let world = Simulated {
         runs,
         steps,

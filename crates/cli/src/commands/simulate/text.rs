@@ -28,7 +28,11 @@ fn figure(v: &Estimated) -> String {
 /// Everything that the command prints.
 pub fn report(world: &Simulated, seed: u64, results: &[Table]) -> String {
     let runs = counted(world.runs as u64, "run");
-    let mut blocks = vec![format!("{runs} of {} each, seed {seed}", counted(world.steps as u64, "instant"))];
+    let length = match &world.schedule {
+        Some(schedule) => format!("{} s with scheduled sensors", short(schedule.duration_s)),
+        None => counted(world.steps as u64, "instant"),
+    };
+    let mut blocks = vec![format!("{runs} of {length} each, seed {seed}")];
     for one in results {
         let mut block = format!("loss rate {}\n{}", short(one.loss_rate), errors(world, one));
         block += &format!("\n\n{}\n{}", consistency(&one.outcome.contenders), verdicts(&one.outcome.contenders));

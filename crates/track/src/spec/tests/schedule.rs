@@ -46,6 +46,8 @@ fn a_schedule_has_the_usual_defaults() {
     assert_eq!((schedule.intervals_s.as_slice(), schedule.group), (&[0.1, 0.2][..], 5));
     assert_eq!((schedule.range_m, schedule.duration_s, schedule.accuracy), (f64::INFINITY, 5.0, Accuracy::Trace));
     assert_eq!((schedule.radio, schedule.residual_of(3)), (Radio::default(), f64::INFINITY));
+    // As many instants as 0.1 s apart.
+    assert_eq!(good(&format!("{BASE}{IDGSS}")).steps, 50);
     let nearest = "[schedule]\nkind = \"nearest\"\ninterval_s = 0.5\nduration_s = 5";
     let nearest = good(&format!("{BASE}{nearest}")).schedule.unwrap();
     assert_eq!((nearest.choice, nearest.group), (Choice::Nearest, 1));
