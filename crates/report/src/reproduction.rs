@@ -45,7 +45,7 @@ fn how_to_read(how: &str) -> Markup {
 
 fn verdicts(account: &Account) -> Markup {
     html! {
-        section class="headline" {
+        section class="headline verdicts" {
             @for verdict in Verdict::ALL {
                 @let n = account.entries.iter().filter(|e| e.verdict == verdict).count();
                 @if n > 0 { div class="tile" { b { (count(n)) } span { (verdict.name()) } } }

@@ -116,7 +116,8 @@ fn error_distances_of_the_fosb_paper_agree_with_an_independent_implementation() 
     // 400 runs of 10 000 samples (path 3: 200); the spread of theirs is that of ours.
     let letter = |e: &Entry| *literal(e);
     let other = |e: &Entry| *reading(e);
-    let rows: [(&str, fn(&Entry) -> Measured, [f64; 6], f64); 5] = [
+    type Reading = fn(&Entry) -> Measured;
+    let rows: [(&str, Reading, [f64; 6], f64); 5] = [
         ("path 1", letter, [8.58, 5.41, 4.69, 2.96, 4.57, 2.88], 400.0),
         ("path 1", other, [8.58, 5.41, 4.77, 3.01, 4.68, 2.96], 400.0),
         ("path 2", letter, [8.58, 5.41, 4.63, 2.92, 4.50, 2.84], 400.0),

@@ -199,7 +199,7 @@ impl fmt::Display for Measured {
         }
         match mean {
             whole if whole == whole.trunc() && whole.abs() < 1e6 => write!(f, "{whole}"),
-            small if small.abs() < 1e-3 => write!(f, "{small:.1e}"),
+            far if !(1e-3..1e6).contains(&far.abs()) => write!(f, "{far:.1e}"),
             other => write!(f, "{other:.*}", (3 - leading(other)).max(0) as usize),
         }
     }

@@ -28,7 +28,7 @@ pub fn text(account: &Account) -> String {
         }
     }
     let lines: Vec<String> = table.lines().map(|l| format!("  {}", l.trim_end())).collect();
-    format!("{}\n{}\n\n{}{}", account.title, verdicts(account), lines.join("\n"), reasons(account))
+    format!("{}\n\n{}\n\n{}{}", wrapped(account.title, ""), verdicts(account), lines.join("\n"), reasons(account))
 }
 
 /// How many entries have each verdict.
@@ -52,7 +52,10 @@ fn cells(entry: &Entry) -> [String; 6] {
         printed,
         number(entry.literal.as_ref()),
         number(entry.reading.as_ref().map(|r| &r.measured)),
-        entry.verdict.name().to_owned(),
+        match entry.verdict {
+            Verdict::UnderReading => "under a reading".to_owned(),
+            verdict => verdict.name().to_owned(),
+        },
     ]
 }
 
@@ -66,7 +69,7 @@ fn reasons(account: &Account) -> String {
         if parts.is_empty() {
             continue;
         }
-        let block = wrapped(&format!("{}: {}.", entry.place, parts.join("; ")));
+        let block = wrapped(&format!("{}: {}.", entry.place, parts.join("; ")), "  ");
         if !out.contains(&block) {
             out.push(block);
         }
@@ -74,17 +77,22 @@ fn reasons(account: &Account) -> String {
     if out.is_empty() { String::new() } else { format!("\n\n{}", out.join("\n")) }
 }
 
-/// Lines of at most [`WIDTH`] characters, the first with two spaces before it, the others with four.
-fn wrapped(text: &str) -> String {
+/// Lines of at most [`WIDTH`] characters, the first with `indent` before it, the others with two spaces more.
+fn wrapped(text: &str, indent: &str) -> String {
     let mut lines: Vec<String> = Vec::new();
-    let mut line = String::from(" ");
+    let mut line = indent.to_owned();
+    let mut is_empty = true;
     for word in text.split_whitespace() {
-        if line.chars().count() + 1 + word.chars().count() > usize::from(WIDTH) {
+        if !is_empty && line.chars().count() + 1 + word.chars().count() > usize::from(WIDTH) {
             lines.push(line);
-            line = String::from("   ");
+            line = format!("{indent}  ");
+            is_empty = true;
         }
-        line.push(' ');
+        if !is_empty {
+            line.push(' ');
+        }
         line += word;
+        is_empty = false;
     }
     lines.push(line);
     lines.join("\n")

@@ -168,6 +168,9 @@ struct Sample {
     speeds: [[f64; 2]; 2],
 }
 
+/// A place that a sample shows.
+type View = fn(&Sample) -> [f64; 2];
+
 /// Figures 10 and 11.
 fn trajectories(effort: &Effort) -> Vec<Figure> {
     let setting = Setting::third(1.0, Heading::Reflected);
@@ -175,7 +178,7 @@ fn trajectories(effort: &Effort) -> Vec<Figure> {
     run(effort, &setting, 0, 4500, |target, z, filters| {
         all.push(Sample { target: *target, z, locations: filters.locations(), speeds: filters.speeds() });
     });
-    let plan = |place: &str, what: &str, of: &[Sample], at: fn(&Sample) -> [f64; 2]| Figure {
+    let plan = |place: &str, what: &str, of: &[Sample], at: View| Figure {
         place: place.to_owned(),
         caption: format!("{what}, path 3."),
         x: "x [m]".to_owned(),
@@ -184,7 +187,7 @@ fn trajectories(effort: &Effort) -> Vec<Figure> {
         curves: vec![curve(what, of.iter().map(at))],
     };
     let (late, first) = (&all[3500..], &all[..FIRST]);
-    let views: [(&str, fn(&Sample) -> [f64; 2]); 4] = [
+    let views: [(&str, View); 4] = [
         ("The trajectory", |s| s.target.location),
         ("As observed", |s| s.z),
         ("As the Kalman filter has it", |s| s.locations[0]),
