@@ -168,6 +168,13 @@ fn simulate(arguments: &Arguments, world: &Simulated, scenario: &Scenario, seed:
     let mut results = Vec::new();
     for variant in &variants {
         let outcome = outcome(&world, variant, seed, &|| bar.add(1)).map_err(failed)?;
+        if let Some(blind) = outcome.contenders.iter().find(|c| c.energy_mj.is_some_and(|e| e.mean == 0.0)) {
+            let what = format!(
+                "leaves the target of `{}` out of range of all sensors in all {} runs, expected a longer range or more sensors in the `field`",
+                blind.name, world.runs
+            );
+            return Err(bad(arguments, "schedule.range_m", &what));
+        }
         results.push(Table { loss_rate: variant.loss_rate, outcome });
     }
     drop(bar);
