@@ -24,7 +24,8 @@ impl Other {
 }
 
 static FMS: LazyLock<Account> = LazyLock::new(|| Paper::Fms.account(&QUICK, &|| {}));
-static FOSB: LazyLock<Account> = LazyLock::new(|| Paper::Fosb.account(&QUICK, &|| {}));
+// 60 runs, to see a variance of 0.1 m² too much in the truth of path 2.
+static FOSB: LazyLock<Account> = LazyLock::new(|| Paper::Fosb.account(&Effort { runs: Some(60), ..QUICK }, &|| {}));
 
 fn entry<'a>(account: &'a Account, what: &str) -> &'a Entry {
     let is = |e: &&Entry| match &e.printed {
@@ -42,14 +43,22 @@ fn reading(entry: &Entry) -> &Measured {
     &entry.reading.as_ref().expect("another reading").measured
 }
 
-/// Every deviation below 4 standard errors.
-fn agree(what: &str, ours: &Measured, other: Other) {
-    let z = other.deviation(ours);
-    assert!(z.abs() < 4.0, "{what}: ours {ours}, theirs {} ({z:.1} standard errors)", other.mean);
+/// Checks that a number is within 4 standard errors of theirs, and returns how many there are between them.
+fn agree(what: &str, ours: &Measured, other: Other) -> f64 {
+    let z = other.deviation(ours).abs();
+    assert!(z < 4.0, "{what}: ours {ours}, theirs {} ({z:.1} standard errors)", other.mean);
+    z
+}
+
+/// Checks that 99 % of the deviations of a table are within 3 standard errors: all but one of its numbers at most.
+fn mostly_near(deviations: &[f64]) {
+    let far = deviations.iter().filter(|z| **z >= 3.0).count();
+    assert!(far <= deviations.len().div_ceil(100), "{far} of {}: {deviations:?}", deviations.len());
 }
 
 #[test]
 fn table_2_of_the_finite_memory_paper_agrees_with_an_independent_implementation() {
+    let mut deviations = Vec::new();
     // 20 experiments of 30 runs of 800 steps.
     let of_mean = [
         ("FMS smoother", [0.0060, 0.0059, 0.0059], [0.0002, 0.0002, 0.0002]),
@@ -60,14 +69,14 @@ fn table_2_of_the_finite_memory_paper_agrees_with_an_independent_implementation(
         for (i, shape) in ["step", "ramp", "triangle"].into_iter().enumerate() {
             let what = format!("position error, {estimator}, {shape}, m");
             let other = Other { mean: means[i], spread: spreads[i], experiments: 20.0, digits: 4 };
-            agree(&what, reading(entry(&FMS, &what)), other);
+            deviations.push(agree(&what, reading(entry(&FMS, &what)), other));
         }
     }
     // Theirs is analytic; the shape is one draw of many.
     for (estimator, mean) in [("FMS smoother", 0.0060), ("FMS filter", 0.0445), ("Kalman filter", 0.0482)] {
         let what = format!("position error, {estimator}, random, m");
         let spread = reading(entry(&FMS, &what)).spread;
-        agree(&what, reading(entry(&FMS, &what)), Other { mean, spread, experiments: 1.0, digits: 4 });
+        deviations.push(agree(&what, reading(entry(&FMS, &what)), Other { mean, spread, experiments: 1.0, digits: 4 }));
     }
     // The letter of the text; their spread is not on record, that of ours stands for it.
     let rms = [
@@ -79,9 +88,14 @@ fn table_2_of_the_finite_memory_paper_agrees_with_an_independent_implementation(
         for (i, shape) in ["step", "ramp", "triangle"].into_iter().enumerate() {
             let what = format!("position error, {estimator}, {shape}, m");
             let ours = literal(entry(&FMS, &what));
-            agree(&what, ours, Other { mean: means[i], spread: ours.spread, experiments: 20.0, digits });
+            deviations.push(agree(
+                &what,
+                ours,
+                Other { mean: means[i], spread: ours.spread, experiments: 20.0, digits },
+            ));
         }
     }
+    mostly_near(&deviations);
 }
 
 #[test]
@@ -112,6 +126,7 @@ fn claims_of_the_finite_memory_paper_come_out_as_the_independent_implementation_
 
 #[test]
 fn error_distances_of_the_fosb_paper_agree_with_an_independent_implementation() {
+    let mut deviations = Vec::new();
     let estimators = ["no tracking", "Kalman filter", "FOSB"];
     // 400 runs of 10 000 samples (path 3: 200); the spread of theirs is that of ours.
     let letter = |e: &Entry| *literal(e);
@@ -128,9 +143,10 @@ fn error_distances_of_the_fosb_paper_agree_with_an_independent_implementation() 
         for (i, mean) in means.into_iter().enumerate() {
             let what = format!("{path}, {}, {} % of errors below, m", estimators[i / 2], [90, 60][i % 2]);
             let ours = of(entry(&FOSB, &what));
-            agree(&what, &ours, Other { mean, spread: ours.spread, experiments, digits: 2 });
+            deviations.push(agree(&what, &ours, Other { mean, spread: ours.spread, experiments, digits: 2 }));
         }
     }
+    mostly_near(&deviations);
 }
 
 #[test]

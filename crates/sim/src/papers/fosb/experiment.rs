@@ -70,17 +70,11 @@ impl Setting {
         Setting { part: 3 + heading as u64, dt, speed: 1.36, heading, jitter: noise.over(dt).0, noise, r: 4.5 }
     }
 
-    /// The design of gains for what the filters believe.
+    /// What the filters believe, as a design of gains; FOSB ignores its q13.
     pub fn design(&self) -> Design {
-        let (q11, q33) = self.noise.over(self.dt);
-        Design { r: self.r, dt: self.dt, q11, q13: self.q13(), q33 }
-    }
-
-    /// The covariance of the noises, 0 for noise on the speed; FOSB ignores it.
-    fn q13(&self) -> f64 {
         match self.noise {
-            Noise::Speed { .. } => 0.0,
-            Noise::Acceleration { q } => self.dt.powi(3) * q / 2.0,
+            Noise::Speed { q11, q33 } => Design { r: self.r, dt: self.dt, q11, q13: 0.0, q33 },
+            Noise::Acceleration { q } => Design::acceleration(self.r, self.dt, q),
         }
     }
 }
@@ -160,8 +154,8 @@ pub struct Filters {
 impl Filters {
     /// After the first measurement `z`; `speed` is a guess of variance `speed_var`.
     pub fn start(setting: &Setting, z: [f64; 2], speed: [f64; 2], speed_var: f64) -> Filters {
-        let (q11, q33) = setting.noise.over(setting.dt);
-        let q = Matrix::<2, 2>::new(q11, setting.q13(), setting.q13(), q33);
+        let Design { q11, q13, q33, .. } = setting.design();
+        let q = Matrix::<2, 2>::new(q11, q13, q13, q33);
         let f = Matrix::<2, 2>::new(1.0, setting.dt, 0.0, 1.0);
         let cov = Matrix::<2, 2>::new(setting.r, 0.0, 0.0, speed_var);
         let gauss = |mean, var| Gauss { mean, var };
