@@ -123,18 +123,22 @@ fn chart(account: &Account, of: &Figure, index: usize) -> Markup {
     let values = |axis: usize| extent(of.curves.iter().flat_map(|c| c.points.iter().map(move |p| p[axis])));
     let (x, y) = match of.kind {
         FigureKind::Lines => (Scale::linear(values(0), Frame::X_PX), Scale::linear(widened(values(1)), Frame::Y_PX)),
+        FigureKind::Logarithmic => {
+            let [low, high] = values(1);
+            (Scale::linear(values(0), Frame::X_PX), Scale::log([0.9 * low, 1.1 * high], Frame::Y_PX))
+        }
         FigureKind::Plan => plan_scales(values(0), values(1)),
     };
     let body = html! {
-        @for (i, curve) in of.curves.iter().enumerate() {
-            @if curve.joined {
-                @let points: Vec<_> = curve.points.iter().map(|p| Some((p[0], p[1]))).collect();
-                @let points = match of.kind { FigureKind::Lines => envelope(points), FigureKind::Plan => points };
-                path class={ "line " (series_class(i)) } data-name=(curve.name) d=(line(&points, x, y)) {}
-            } @else {
-                @let points: Vec<_> = curve.points.iter().map(|p| (p[0], p[1])).collect();
-                path class={ "dots " (series_class(i)) } d=(dots(&points, x, y)) {}
-            }
+        @for (i, curve) in of.curves.iter().enumerate().filter(|(_, c)| c.joined) {
+            @let points: Vec<_> = curve.points.iter().map(|p| Some((p[0], p[1]))).collect();
+            @let points = if of.kind == FigureKind::Plan { points } else { envelope(points) };
+            path class={ "line " (series_class(i)) } data-name=(curve.name) d=(line(&points, x, y)) {}
+        }
+        // Marks stand on the lines.
+        @for (i, curve) in of.curves.iter().enumerate().filter(|(_, c)| !c.joined) {
+            @let points: Vec<_> = curve.points.iter().map(|p| (p[0], p[1])).collect();
+            path class={ "dots marks " (series_class(i)) } d=(dots(&points, x, y)) {}
         }
     };
     let frame = Frame {

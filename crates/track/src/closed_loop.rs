@@ -12,7 +12,7 @@ use crate::fix::{Fix, Sink};
 use crate::packet::{AnchorId, Content, Packet};
 use crate::registry::{self, BuildOptions};
 use crate::simulator::Simulator;
-use crate::spec::{ArrivalSpec, EstimatorSpec, Receiver, ScheduleSpec, Shows, Spec};
+use crate::spec::{ArrivalSpec, Duplicates, EstimatorSpec, Receiver, ScheduleSpec, Shows, Spec};
 use crate::tracker::{Step, Tracker};
 use fixtrail_core::schedule::{Battery, Candidate, Foresight, Plan, Scheduler};
 
@@ -98,11 +98,21 @@ struct Holding {
     before: [(f64, bool); 2],
     /// The last that arrived.
     last: f64,
+    /// What was shown last.
+    shown: f64,
+    /// Whether a value that is shown once more counts as lost.
+    detects: bool,
 }
 
 impl Holding {
-    /// Takes a measurement and says what is shown.
-    fn show(&mut self, measured: f64, arrived: bool) -> f64 {
+    /// Takes a measurement and says what is shown; `None` of what counts as lost.
+    fn show(&mut self, measured: f64, arrived: bool) -> Option<f64> {
+        let before = self.shown;
+        self.shown = self.holds(measured, arrived);
+        (!self.detects || self.shown.to_bits() != before.to_bits()).then_some(self.shown)
+    }
+
+    fn holds(&mut self, measured: f64, arrived: bool) -> f64 {
         let [(one, one_arrived), (two, _)] = self.before;
         self.before = [(measured, arrived), (one, one_arrived)];
         if arrived {
@@ -176,13 +186,21 @@ impl ClosedLoop {
         let holding = match spec.link.receiver {
             Receiver::Stamped { .. } => None,
             Receiver::Unstamped { .. } => {
-                Some(Holding { shows, before: [(measured, true), (measured, true)], last: measured })
+                let detects = spec.link.duplicates == Duplicates::Detect;
+                Some(Holding {
+                    shows,
+                    before: [(measured, true), (measured, true)],
+                    last: measured,
+                    shown: measured,
+                    detects,
+                })
             }
         };
-        // The prior stands at instant 0 with its measurement in it: a receiver that knows is told nothing new.
-        let content = match holding {
-            Some(_) => Content::Range { anchor: task, value_m: measured },
-            None => Content::Position([None; 3]),
+        // The prior stands at instant 0 with its measurement in it: nothing is told there, but for filters that may be shown it again.
+        let content = if matches!(spec.estimator, EstimatorSpec::Emvf { .. } | EstimatorSpec::Lmmse) {
+            Content::Range { anchor: task, value_m: measured }
+        } else {
+            Content::Position([None; 3])
         };
         let mut newest = Newest::default();
         let packet = packet(0, 0.0, content);
@@ -246,7 +264,7 @@ impl ClosedLoop {
         // While coasting the slot is the sensor's in charge, and stays empty.
         let sensor = chosen.map_or(from, |(sensor, ..)| sensor) as AnchorId;
         let shown = match (&mut self.holding, chosen) {
-            (Some(holding), Some((_, measured, arrived))) => Some(holding.show(measured, arrived)),
+            (Some(holding), Some((_, measured, arrived))) => holding.show(measured, arrived),
             (None, Some((_, measured, true))) => Some(measured),
             _ => None,
         };

@@ -343,6 +343,8 @@ pub struct Figure {
 pub enum FigureKind {
     /// y over x.
     Lines,
+    /// y over x, y positive and logarithmic.
+    Logarithmic,
     /// A plan of the field, both axes in one scale.
     Plan,
 }

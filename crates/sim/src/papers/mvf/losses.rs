@@ -254,7 +254,7 @@ pub fn account(effort: &Effort, progress: &(dyn Fn() + Sync)) -> (Vec<Entry>, Ve
         ),
         x: "arrival rate p".to_owned(),
         y: "median RMSE, m".to_owned(),
-        kind: FigureKind::Lines,
+        kind: FigureKind::Logarithmic,
         curves,
     };
     (entries, vec![figure])

@@ -413,7 +413,7 @@ fn pareto(effort: &Effort, progress: &(dyn Fn() + Sync)) -> (Vec<Entry>, Vec<Fig
         ),
         x: "energy of a run, mJ".to_owned(),
         y: "median RMSE, m".to_owned(),
-        kind: FigureKind::Lines,
+        kind: FigureKind::Logarithmic,
         curves,
     };
     (vec![entry], vec![figure])
