@@ -6,6 +6,7 @@
 
 pub mod arrival;
 pub mod estimators;
+pub mod kernels;
 pub mod linalg;
 pub mod models;
 pub mod position;
