@@ -92,9 +92,9 @@ impl<T: Real, const N: usize> Chain<T, N> {
 }
 
 impl<T: Real, const N: usize> Leap<T, N> {
-    /// F x.
+    /// Returns F x.
     #[inline(always)]
-    pub(super) fn moved(&self, mean: &[T; N]) -> [T; N] {
+    pub fn moved(&self, mean: &[T; N]) -> [T; N] {
         let mut out = *mean;
         for i in 0..N {
             for j in i + 1..N {
