@@ -6,6 +6,7 @@ use adskalman::{
     CovarianceUpdateMethod, KalmanFilterNoControl, ObservationModel, StateAndCovariance, TransitionModelLinearNoControl,
 };
 use fixtrail_core::estimators::kalman::{Robust, predict, update};
+use fixtrail_core::kernels::{Chain, Leap, series};
 use fixtrail_core::models::{Integrators, Linear};
 use fixtrail_core::sensors::{linear, position};
 use fixtrail_core::{Belief, Matrix, Vector};
@@ -162,11 +163,12 @@ where
     }
 }
 
-fn compare<const N: usize, const Q: usize>(
+fn compare<'a, const N: usize, const Q: usize>(
     title: &str,
-    p: &Problem<N, Q>,
-    z: &[[f64; Q]],
+    p: &'a Problem<N, Q>,
+    z: &'a [[f64; Q]],
     settings: &Settings,
+    more: impl FnOnce(&mut Vec<Contender<'a>>),
 ) -> Result<(), String>
 where
     Const<Q>: DimMin<Const<Q>, Output = Const<Q>>,
@@ -186,7 +188,23 @@ where
             Adskalman::new(p, CovarianceUpdateMethod::OptimalKalmanForcedSymmetric)
         }),
     ];
-    race(title, N, settings, &contenders)
+    let mut all = contenders.into();
+    more(&mut all);
+    race(title, N, settings, &all)
+}
+
+/// The kernel of a chain of integrators, called for each step.
+struct Kernel<const N: usize> {
+    belief: Chain<f64, N>,
+    leap: Leap<f64, N>,
+    var: f64,
+}
+
+impl<const N: usize> Stepper<N, 1> for Kernel<N> {
+    fn step(&mut self, z: &[f64; 1]) -> [f64; N] {
+        self.belief = self.belief.predict(&self.leap).checked_update(z[0], self.var).expect("finite data").0;
+        self.belief.mean
+    }
 }
 
 /// Constant acceleration on one axis every 2 s, position measured.
@@ -194,7 +212,73 @@ pub fn constant_acceleration(settings: &Settings) -> Result<(), String> {
     let integrators = Integrators::<3>::new(3, 1, [0.01, 0.0, 0.0]).map_err(|e| e.to_string())?;
     let problem = Problem::new(integrators, 2.0, 0.05);
     let z = measured(settings.steps, settings.seed, 0.05, |k| [path_m(k as f64 * 2.0 / 300.0)[0]]);
-    compare("kalman, constant acceleration, n=3 q=1", &problem, &z, settings)
+    let start = Chain::of(&problem.prior);
+    let leap = Leap::<f64, 3>::new(0.01, 2.0);
+    let var = problem.var_m2;
+    let alone = z.as_flattened();
+    compare("kalman, constant acceleration, n=3 q=1", &problem, &z, settings, |all| {
+        all.push(Contender::stepping("fixtrail, kernel, step by step", &z, move || Kernel {
+            belief: start,
+            leap,
+            var,
+        }));
+        all.push(Contender::new("fixtrail, kernel, gain never kept", move |out| {
+            let mut belief = start;
+            for (z, out) in alone.iter().zip(out.as_chunks_mut::<3>().0) {
+                belief = belief.predict(&leap).update(*z, var).0;
+                *out = belief.mean;
+            }
+        }));
+        all.push(Contender::new("fixtrail, kernel, series", move |out| {
+            series(&start, &leap, var, alone, out.as_chunks_mut::<3>().0);
+        }));
+    })
+}
+
+/// Many tracks of constant acceleration, with `lost` of their measurements lost.
+pub fn many(settings: &Settings, lost: f64) -> Result<(), String> {
+    const STEPS: usize = 800;
+    let tracks = (settings.steps / STEPS).max(8);
+    let integrators = Integrators::<3>::new(3, 1, [0.01, 0.0, 0.0]).map_err(|e| e.to_string())?;
+    let problem = Problem::<3, 1>::new(integrators, 2.0, 0.05);
+    let mut z: Vec<f64> = Vec::new();
+    for track in 0..tracks {
+        let one = measured(STEPS, settings.seed + track as u64, 0.05, |k| [path_m(k as f64 * 2.0 / 300.0)[0]]);
+        // Every so manyth in place of chance: the same for all contenders.
+        let every = if lost > 0.0 { (1.0 / lost) as usize } else { usize::MAX };
+        z.extend(one.iter().enumerate().map(|(k, z)| if (k + track) % every == every - 1 { f64::NAN } else { z[0] }));
+    }
+    let many = fixtrail_lanes::Problem { psd: 0.01, dt_s: 2.0, var: problem.var_m2, start: problem.prior };
+    let (z, problem) = (&z, &problem);
+    let contenders = [
+        Contender::new("fixtrail, tracks side by side", move |out| fixtrail_lanes::filter(&many, z, STEPS, out)),
+        Contender::new("fixtrail, tracks one by one", move |out| {
+            let (start, leap) = (Chain::of(&problem.prior), Leap::<f64, 3>::new(0.01, 2.0));
+            for (z, out) in z.chunks(STEPS).zip(out.chunks_mut(STEPS * 3)) {
+                series(&start, &leap, problem.var_m2, z, out.as_chunks_mut::<3>().0);
+            }
+        }),
+        Contender::new("kfilter 0.5", move |out| {
+            for (z, out) in z.chunks(STEPS).zip(out.chunks_mut(STEPS * 3)) {
+                let mut filter = Kfilter::<3, 1>::new(problem);
+                for (z, out) in z.iter().zip(out.as_chunks_mut::<3>().0) {
+                    *out = if z.is_nan() {
+                        filter.filter.predict().expect("a sound model");
+                        (*filter.filter.state()).into()
+                    } else {
+                        filter.step(&[*z])
+                    };
+                }
+            }
+        }),
+        Contender::new("copying z and the estimates", move |out| {
+            for (z, out) in z.iter().zip(out.as_chunks_mut::<3>().0) {
+                *out = [*z; 3];
+            }
+        }),
+    ];
+    let title = format!("{tracks} tracks x {STEPS}, n=3 q=1, {:.0} % lost", 100.0 * lost);
+    race(&title, 3, &Settings { steps: tracks * STEPS, ..*settings }, &contenders)
 }
 
 /// Constant velocity in the plane every second, both coordinates measured.
@@ -202,5 +286,5 @@ pub fn constant_velocity(settings: &Settings) -> Result<(), String> {
     let integrators = Integrators::<4>::new(2, 2, [0.1, 0.1, 0.0]).map_err(|e| e.to_string())?;
     let problem = Problem::new(integrators, 1.0, 0.5);
     let z = measured(settings.steps, settings.seed, 0.5, |k| path_m(k as f64 / 300.0));
-    compare("kalman, constant velocity, n=4 q=2", &problem, &z, settings)
+    compare("kalman, constant velocity, n=4 q=2", &problem, &z, settings, |_| ())
 }

@@ -29,8 +29,20 @@ fn main() -> ExitCode {
         "{} steps a series, median of {} rounds in turn, seed {}; times with their quartiles, ratios to the first line",
         settings.steps, settings.rounds, settings.seed
     );
-    let workloads = [kalman::constant_acceleration, kalman::constant_velocity, turn::range_only, fms::paper];
-    for workload in workloads {
+    type Workload = fn(&Settings) -> Result<(), String>;
+    let workloads: [(&str, Workload); 6] = [
+        ("W1", kalman::constant_acceleration),
+        ("W2", |s| kalman::many(s, 0.0)),
+        ("W2L", |s| kalman::many(s, 0.2)),
+        ("W3", kalman::constant_velocity),
+        ("W5", turn::range_only),
+        ("W7", fms::paper),
+    ];
+    let wanted: Vec<String> = std::env::args().skip(1).filter(|a| a.starts_with('W')).collect();
+    for (name, workload) in workloads {
+        if !wanted.is_empty() && !wanted.iter().any(|w| w == name) {
+            continue;
+        }
         if let Err(message) = workload(&settings) {
             eprintln!("{message}");
             return ExitCode::FAILURE;
@@ -42,6 +54,9 @@ fn main() -> ExitCode {
 fn settings(mut args: impl Iterator<Item = String>) -> Result<Settings, String> {
     let mut settings = Settings { steps: 20_000, rounds: 31, seed: 1 };
     while let Some(name) = args.next() {
+        if name.starts_with('W') {
+            continue;
+        }
         let value = args.next().ok_or_else(|| format!("`{name}` has no value, expected a number"))?;
         let number = value
             .parse::<u32>()

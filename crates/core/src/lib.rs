@@ -8,6 +8,7 @@ pub mod arrival;
 pub mod cramer_rao;
 pub mod estimators;
 pub mod graph;
+pub mod kernels;
 pub mod linalg;
 pub mod models;
 pub mod position;
