@@ -6,7 +6,7 @@ use adskalman::{
     CovarianceUpdateMethod, KalmanFilterNoControl, ObservationModel, StateAndCovariance, TransitionModelLinearNoControl,
 };
 use fixtrail_core::estimators::kalman::{Robust, predict, update};
-use fixtrail_core::kernels::{Chain, Leap, series};
+use fixtrail_core::kernels::{Axes, Chain, Leap, series};
 use fixtrail_core::models::{Integrators, Linear};
 use fixtrail_core::sensors::{linear, position};
 use fixtrail_core::{Belief, Matrix, Vector};
@@ -248,7 +248,7 @@ pub fn many(settings: &Settings, lost: f64) -> Result<(), String> {
         let every = if lost > 0.0 { (1.0 / lost) as usize } else { usize::MAX };
         z.extend(one.iter().enumerate().map(|(k, z)| if (k + track) % every == every - 1 { f64::NAN } else { z[0] }));
     }
-    let many = fixtrail_lanes::Problem { psd: 0.01, dt_s: 2.0, var: problem.var_m2, start: problem.prior };
+    let many = fixtrail_lanes::Problem { leap: Leap::new(0.01, 2.0), var: problem.var_m2, start: problem.prior };
     let (z, problem) = (&z, &problem);
     let contenders = [
         Contender::new("fixtrail, tracks side by side", move |out| fixtrail_lanes::filter(&many, z, STEPS, out)),
@@ -286,5 +286,18 @@ pub fn constant_velocity(settings: &Settings) -> Result<(), String> {
     let integrators = Integrators::<4>::new(2, 2, [0.1, 0.1, 0.0]).map_err(|e| e.to_string())?;
     let problem = Problem::new(integrators, 1.0, 0.5);
     let z = measured(settings.steps, settings.seed, 0.5, |k| path_m(k as f64 / 300.0));
-    compare("kalman, constant velocity, n=4 q=2", &problem, &z, settings, |_| ())
+    let chain = Integrators::<2>::new(2, 1, [0.1, 0.0, 0.0]).map_err(|e| e.to_string())?;
+    let one = Chain::of(&Problem::<2, 1>::new(chain, 1.0, 0.5).prior);
+    let start = Axes { means: [one.mean; 2], cov: one.cov };
+    let (leap, var) = (Leap::<f64, 2>::new(0.1, 1.0), problem.var_m2);
+    compare("kalman, constant velocity, n=4 q=2", &problem, &z, settings, |all| {
+        all.push(Contender::new("fixtrail, kernel, one covariance for both axes", |out| {
+            let mut belief = start;
+            for (z, out) in z.iter().zip(out.as_chunks_mut::<4>().0) {
+                belief = belief.predict(&leap).update(z, var);
+                let [[x, vx], [y, vy]] = belief.means;
+                *out = [x, y, vx, vy];
+            }
+        }));
+    })
 }

@@ -1,7 +1,7 @@
 //! The fast kernels against the general filter, lane by lane and bit by bit.
 
 use fixtrail_core::estimators::kalman::{Robust, predict, update};
-use fixtrail_core::kernels::{Chain, Leap, series};
+use fixtrail_core::kernels::{Axes, Chain, Leap, Past, series, smooth, smooth_with};
 use fixtrail_core::models::Integrators;
 use fixtrail_core::sensors::position;
 use fixtrail_core::{Belief, Matrix, StepError, Vector};
@@ -51,7 +51,10 @@ fn agrees_with_the_general_filter<const N: usize>() {
             if !lost {
                 theirs = update(&theirs, &[position(&theirs.mean, 0, z, var)], Robust::None).unwrap().0;
             }
-            ours = ours.predict(&Leap::new(psd, dt_s)).update(if lost { f64::NAN } else { z }, var).0;
+            let leap = general.leap(&Vector::zeros(), dt_s);
+            let given: [[f64; N]; N] = core::array::from_fn(|i| core::array::from_fn(|j| leap.q[(i, j)]));
+            let leap = if case % 2 == 0 { Leap::new(psd, dt_s) } else { Leap::with_noise(dt_s, &given) };
+            ours = ours.predict(&leap).update(if lost { f64::NAN } else { z }, var).0;
             let belief = ours.belief();
             for i in 0..N {
                 let sd = theirs.cov[(i, i)].sqrt();
@@ -122,4 +125,102 @@ fn a_variance_that_is_none_is_refused_and_nothing_is_changed() {
     assert_eq!(belief.checked_update(f64::INFINITY, 1.0), Err(StepError::NotFinite { component: 0 }));
     let (next, s) = belief.checked_update(1.0, 0.5).unwrap();
     assert_eq!((next, s), (belief.update(1.0, 0.5).0, belief.cov[0][0] + 0.5));
+}
+
+/// Rauch, Tung and Striebel, written out with inverses.
+fn rts<const N: usize>(
+    start: &Belief<N>,
+    general: &Integrators<N>,
+    dt_s: f64,
+    var: f64,
+    z: &[f64],
+) -> Vec<(Vector<N>, Matrix<N, N>)> {
+    let mut filtered = Vec::new();
+    let mut priors = Vec::new();
+    let mut belief = *start;
+    for z in z {
+        let prior = predict(&belief, &general.leap(&belief.mean, dt_s));
+        belief = prior;
+        if !z.is_nan() {
+            belief = update(&prior, &[position(&prior.mean, 0, *z, var)], Robust::None).unwrap().0;
+        }
+        priors.push(prior);
+        filtered.push(belief);
+    }
+    let f = general.leap(&Vector::zeros(), dt_s).f;
+    let mut out = vec![(belief.mean, belief.cov)];
+    for k in (0..z.len() - 1).rev() {
+        let (mean, cov) = out[out.len() - 1];
+        let gain = filtered[k].cov * f.transpose() * priors[k + 1].cov.try_inverse().unwrap();
+        out.push((
+            filtered[k].mean + gain * (mean - priors[k + 1].mean),
+            filtered[k].cov + gain * (cov - priors[k + 1].cov) * gain.transpose(),
+        ));
+    }
+    out.reverse();
+    out
+}
+
+fn smooths_as_rts<const N: usize>() {
+    let mut random = Random(120 + N as u64);
+    for case in 0..30 {
+        let (psd, var, dt_s) = (random.decades(-1.0, 1.0), random.decades(-1.0, 1.0), random.decades(-0.5, 0.5));
+        let general = Integrators::<N>::new(N, 1, [psd, 0.0, 0.0]).unwrap();
+        let belief = start::<N>(&mut random);
+        // Lost at both ends and in between.
+        let lost = |k: usize| case % 2 == 1 && (k % 7 == 0 || k == 59 || (20..25).contains(&k));
+        let z: Vec<f64> = (0..60).map(|k| if lost(k) { f64::NAN } else { 10.0 * random.unit() }).collect();
+        let theirs = rts(&belief, &general, dt_s, var, &z);
+        let mut past = vec![Past::EMPTY; z.len()];
+        let mut ours = vec![[0.0; N]; z.len()];
+        let mut seen = 0;
+        let leap = Leap::new(psd, dt_s);
+        smooth_with(&Chain::of(&belief), &leap, var, &z, &mut past, &mut ours, |k, cov| {
+            seen += 1;
+            for i in 0..N {
+                for j in i..N {
+                    let scale = (theirs[k].1[(i, i)] * theirs[k].1[(j, j)]).sqrt();
+                    let off = (cov[i][j] - theirs[k].1[(i, j)]).abs() / scale;
+                    assert!(off < 1e-8, "case {case}, step {k}, cov {i} {j}: {off:e}");
+                }
+            }
+        });
+        assert_eq!(seen, z.len());
+        for (k, (ours, (mean, cov))) in ours.iter().zip(&theirs).enumerate() {
+            for i in 0..N {
+                let off = (ours[i] - mean[i]).abs() / cov[(i, i)].sqrt();
+                assert!(off < 1e-8, "case {case}, step {k}, mean {i}: {off:e}");
+            }
+        }
+        let mut means = vec![[0.0; N]; z.len()];
+        smooth(&Chain::of(&belief), &leap, var, &z, &mut past, &mut means);
+        assert_eq!(means, ours);
+    }
+}
+
+#[test]
+fn the_smoother_without_inverses_is_the_one_with_them() {
+    smooths_as_rts::<1>();
+    smooths_as_rts::<2>();
+    smooths_as_rts::<3>();
+}
+
+#[test]
+fn axes_that_are_alike_are_each_as_alone() {
+    let mut random = Random(200);
+    let belief = start::<2>(&mut random);
+    let leap = Leap::<f64, 2>::new(0.3, 0.7);
+    let mut each = [Chain::of(&belief); 3];
+    let mut all = Axes { means: [each[0].mean; 3], cov: each[0].cov };
+    for k in 0..200 {
+        let z: [f64; 3] = core::array::from_fn(|_| if k % 6 == 2 { f64::NAN } else { 4.0 * random.unit() });
+        all = all.predict(&leap).update(&z, 0.2);
+        for axis in 0..3 {
+            each[axis] = each[axis].predict(&leap).update(z[axis], 0.2).0;
+            assert_eq!(each[axis].mean.map(f64::to_bits), all.means[axis].map(f64::to_bits), "step {k}");
+            for i in 0..2 {
+                assert_eq!(each[axis].cov[i][1].to_bits(), all.cov[i][1].to_bits(), "step {k}");
+            }
+        }
+    }
 }

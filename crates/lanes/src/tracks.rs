@@ -13,10 +13,8 @@ const TILE: usize = 8;
 /// What all tracks have in common.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Problem<const N: usize> {
-    /// Density of the noise at the last derivative.
-    pub psd: f64,
-    /// Interval between two measurements, s.
-    pub dt_s: f64,
+    /// Motion from one measurement to the next.
+    pub leap: Leap<f64, N>,
     /// Variance of a measurement.
     pub var: f64,
     /// Where every track starts, before the first interval.
@@ -48,7 +46,7 @@ impl<const N: usize> WithSimd for Tracks<'_, N> {
     fn with_simd<S: Simd>(self, simd: S) {
         let Tracks { problem, z, steps, out } = self;
         let block = Wide::<S>::TRACKS * steps;
-        let (leap, start) = (Leap::<f64, N>::new(problem.psd, problem.dt_s), Chain::of(&problem.start));
+        let (leap, start) = (problem.leap, Chain::of(&problem.start));
         // Without losses the gains do not depend on the track: one sequence for all.
         let mut gains: Vec<[f64; N]> = Vec::new();
         let mut z = z.chunks_exact(block);

@@ -7,12 +7,12 @@ use fixtrail_lanes::{Problem, filter};
 fn each_track_is_as_alone<const N: usize>() {
     for (tracks, steps) in [(1, 5), (8, 1), (8, 8), (9, 17), (31, 40)] {
         let start = Belief { mean: Vector::<N>::repeat(1.0), cov: Matrix::<N, N>::identity() * 25.0 };
-        let problem = Problem { psd: 0.3, dt_s: 0.7, var: 0.2, start };
+        let leap = Leap::new(0.3, 0.7);
+        let problem = Problem { leap, var: 0.2, start };
         let z: Vec<f64> =
             (0..tracks * steps).map(|i| if i % 7 == 3 { f64::NAN } else { (i as f64 * 0.37).sin() * 5.0 }).collect();
         let mut out = vec![0.0; z.len() * N];
         filter(&problem, &z, steps, &mut out);
-        let leap = Leap::new(problem.psd, problem.dt_s);
         for track in 0..tracks {
             let mut alone = vec![[0.0; N]; steps];
             series(&Chain::of(&start), &leap, problem.var, &z[track * steps..][..steps], &mut alone);
@@ -35,5 +35,5 @@ fn each_track_is_as_it_would_be_alone() {
 #[should_panic(expected = "room for 2 numbers a step")]
 fn too_little_room_is_refused() {
     let start = Belief { mean: Vector::<2>::zeros(), cov: Matrix::<2, 2>::identity() };
-    filter(&Problem { psd: 1.0, dt_s: 1.0, var: 1.0, start }, &[0.0; 4], 2, &mut [0.0; 7]);
+    filter(&Problem { leap: Leap::new(1.0, 1.0), var: 1.0, start }, &[0.0; 4], 2, &mut [0.0; 7]);
 }

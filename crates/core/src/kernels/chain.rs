@@ -42,6 +42,15 @@ impl<const N: usize> Leap<f64, N> {
         Leap { step, q }
     }
 
+    /// Returns the motion over `dt_s` seconds with any noise covariance `q`, of which the upper triangle is taken.
+    ///
+    /// # Panics
+    /// As [`Leap::new`].
+    #[inline]
+    pub fn with_noise(dt_s: f64, q: &[[f64; N]; N]) -> Self {
+        Leap { q: *q, ..Leap::new(0.0, dt_s) }
+    }
+
     /// The same in other numbers.
     #[inline(always)]
     pub fn map<T>(&self, to: impl Fn(f64) -> T) -> Leap<T, N> {
@@ -99,6 +108,45 @@ impl<T: Real, const N: usize> Leap<T, N> {
         for i in 0..N {
             for j in i + 1..N {
                 out[i] = out[i] + self.step[j - i] * mean[j];
+            }
+        }
+        out
+    }
+
+    /// Fᵀ λ.
+    #[inline(always)]
+    pub(super) fn back(&self, lambda: &[T; N]) -> [T; N] {
+        let mut out = *lambda;
+        for i in 0..N {
+            for j in 0..i {
+                out[i] = out[i] + self.step[i - j] * lambda[j];
+            }
+        }
+        out
+    }
+
+    /// Fᵀ Λ F, upper triangle of upper triangle.
+    #[inline(always)]
+    pub(super) fn back_spread(&self, big: &[[T; N]; N]) -> [[T; N]; N] {
+        let at = |a: usize, b: usize| if a <= b { big[a][b] } else { big[b][a] };
+        let mut half = *big;
+        for a in 0..N {
+            for b in a..N {
+                let mut sum = at(a, b);
+                for c in 0..b {
+                    sum = sum + self.step[b - c] * at(a, c);
+                }
+                half[a][b] = sum;
+            }
+        }
+        let mut out = half;
+        for i in 0..N {
+            for j in i..N {
+                let mut sum = half[i][j];
+                for a in 0..i {
+                    sum = sum + self.step[i - a] * half[a][j];
+                }
+                out[i][j] = sum;
             }
         }
         out

@@ -7,10 +7,14 @@
 //!
 //! Nothing is contracted to fused multiply-adds: results are the same on every processor.
 
+mod axes;
 mod chain;
 mod real;
+mod smoother;
 mod steady;
 
+pub use axes::Axes;
 pub use chain::{Chain, Leap};
 pub use real::Real;
+pub use smoother::{Past, smooth, smooth_with};
 pub use steady::{LONGEST_CYCLE, series};
