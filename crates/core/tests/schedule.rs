@@ -151,7 +151,8 @@ fn every_decision_is_the_one_written_out() {
     for case in 0..300 {
         let sensors = field(&mut random, 3 + case % 18, if case % 3 == 0 { f64::INFINITY } else { 2.0 });
         let choices = [
-            Choice::Cost { enough: 1.0 + 2.0 * random.next(), weight: random.next() },
+            // Often just what a candidate reaches.
+            Choice::Cost { enough: 1.0 + (2.5 * random.next()).floor(), weight: random.next() },
             Choice::Nearest,
             Choice::Accuracy,
         ];
@@ -162,7 +163,9 @@ fn every_decision_is_the_one_written_out() {
             group: 1 + case % 3,
             range_m: if case % 5 == 0 { 25.0 } else { 1e9 },
         };
-        let radio = Radio { free_self: case % 2 == 1, ..Radio::default() };
+        // Energy that costs nothing makes all choices alike, but for the interval and the distance.
+        let bits = if case % 7 == 0 { 0.0 } else { 1024.0 };
+        let radio = Radio { free_self: case % 2 == 1, sensed_bits: bits, sent_bits: bits, ..Radio::default() };
         let start = [30.0, 70.0];
         let mut ours = Scheduler::new(sensors.clone(), radio, &policy, start).unwrap();
         let mut written = Written { group: Vec::new(), task: ours.task(), sensors: sensors.clone(), radio };
