@@ -40,11 +40,13 @@ const DRAWN: usize = 4;
 pub fn render_simulation(simulation: &Simulation<'_>) -> String {
     let Simulation { title, world, seed, channels } = *simulation;
     let linear = registry::layout(&world.truth).is_linear();
+    let length = match &world.schedule {
+        Some(schedule) => format!("{} s with scheduled sensors", schedule.duration_s),
+        None => format!("{} instants, {} s apart", count(world.steps), world.interval_s),
+    };
     let subtitle = format!(
-        "{} runs of {} instants, {} s apart, seed {seed}: errors with their standard errors over the runs, beside what theory allows",
-        count(world.runs),
-        count(world.steps),
-        world.interval_s
+        "{} runs of {length}, seed {seed}: errors with their standard errors over the runs, beside what theory allows",
+        count(world.runs)
     );
     let drawn = evenly(channels.len());
     let body = html! {
