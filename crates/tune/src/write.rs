@@ -4,7 +4,7 @@ use crate::calibrate::{Calibration, Estimated};
 use crate::knobs::Place;
 use crate::tune::Tuned;
 use core::fmt::Write as _;
-use fixtrail_track::spec::{EstimatorSpec, ModelSpec, Robust, SensorSpec, Span};
+use fixtrail_track::spec::{EstimatorSpec, ModelSpec, Robust, SensorSpec, Span, TurnSpec};
 use toml_edit::{Array, DocumentMut, InlineTable, Item, Value};
 
 /// The text of `tuned`, made of the spec `text` that was given; `from` says in a few words what it was tuned on.
@@ -23,7 +23,7 @@ pub fn write(text: &str, tuned: &Tuned, from: &str) -> Result<String, String> {
             ModelSpec::Kinematic(m) => set(model, "noise", numbers(&m.noise), &note(tuned, Place::Noise)),
             ModelSpec::Turn(m) => {
                 set(model, "noise", numbers(&m.noise), &note(tuned, Place::Noise));
-                set(model, "turn_noise", number(m.turn_noise), &note(tuned, Place::TurnNoise));
+                set(model, "turn_noise", turn_noise(m), &note(tuned, Place::TurnNoise));
             }
             ModelSpec::GaussMarkov(m) => {
                 model.remove("noise");
@@ -235,6 +235,15 @@ fn set(table: &mut dyn toml_edit::TableLike, key: &str, mut value: Value, commen
         value.decor_mut().set_prefix(" ");
     }
     table.insert(key, Item::Value(value));
+}
+
+/// A density, or a table where noise comes by steps.
+fn turn_noise(model: &TurnSpec) -> Value {
+    let Some(power) = model.per_step else { return number(model.turn_noise) };
+    let mut table = InlineTable::new();
+    table.insert("per_step", number(model.turn_noise));
+    table.insert("power", i64::from(power).into());
+    Value::InlineTable(table)
 }
 
 fn number(v: f64) -> Value {
