@@ -4,7 +4,7 @@
 //! peer-bench WORKLOAD --data DIR [--reps N]
 //! ```
 //!
-//! Each step predicts from (x0, P0) and then updates with z[k]; every mean is written; NaN is a lost packet. Loading and the error are outside the
+//! Each step predicts from (x0, P0) and then updates with the next z; every mean is written; NaN is a lost packet. Loading and the error are outside the
 //! timed part.
 
 use fixtrail_core::Belief;

@@ -31,11 +31,11 @@ pub trait Simulator: Send + Sync {
     fn start_cov(&self) -> Vec<f64>;
 
     /// The Cramér–Rao bound `dt_s` after instant `k`, from that of a target at `x`
-    /// ([`cramer_rao::moved`](fixtrail_core::cramer_rao::moved)); `noisy`: whether targets have the model's process noise.
+    /// ([`cramer_rao::moved`]); `noisy`: whether targets have the model's process noise.
     fn bound_moved(&self, k: u64, dt_s: f64, x: &[f64], bound: &[f64], noisy: bool) -> Vec<f64>;
 
     /// The bound of a target at `x` once the packets of `step`, of which only kinds and anchors count, arrive together with probability
-    /// `arrival` ([`cramer_rao::measured`](fixtrail_core::cramer_rao::measured)).
+    /// `arrival` ([`cramer_rao::measured`]).
     fn bound_measured(&self, step: &Step<'_>, x: &[f64], bound: &[f64], arrival: f64) -> Vec<f64>;
 }
 
