@@ -168,7 +168,7 @@ fn smooths_as_rts<const N: usize>() {
         let general = Integrators::<N>::new(N, 1, [psd, 0.0, 0.0]).unwrap();
         let belief = start::<N>(&mut random);
         // Lost at both ends and in between.
-        let lost = |k: usize| case % 2 == 1 && (k % 7 == 0 || k == 59 || (20..25).contains(&k));
+        let lost = |k: usize| case % 2 == 1 && (k == 0 || k % 7 == 3 || k == 59 || (20..25).contains(&k));
         let z: Vec<f64> = (0..60).map(|k| if lost(k) { f64::NAN } else { 10.0 * random.unit() }).collect();
         let theirs = rts(&belief, &general, dt_s, var, &z);
         let mut past = vec![Past::EMPTY; z.len()];
