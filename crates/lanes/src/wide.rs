@@ -72,8 +72,13 @@ impl<S: Simd> Real for Wide<S> {
     }
 
     #[inline(always)]
+    fn one(self) -> Self {
+        Wide::splat(self.simd, 1.0)
+    }
+
+    #[inline(always)]
     fn inverse(self) -> Self {
-        Wide::splat(self.simd, 1.0).each(
+        self.one().each(
             self,
             #[inline(always)]
             |simd, one, x| simd.div_f64s(one, x),

@@ -4,7 +4,7 @@
 //! x⁻ = F x                  F_ij = dt^(j−i)/(j−i)!, upper triangular
 //! P⁻ = F P Fᵀ + Q           Q_ij = psd dt^(a+b+1)/(a! b! (a+b+1)),  a = N−1−i, b = N−1−j
 //! e = z − x⁻_0   s = P⁻_00 + r   k = P⁻_·0/s
-//! x = x⁻ + k e              P_0j = r k_j (no subtraction),  P_ij = P⁻_ij − k_i P⁻_0j for i > 0
+//! x = x⁻ + k e              P_0j = P⁻_0j r/s (no subtraction),  P_ij = P⁻_ij − k_i P⁻_0j for i > 0
 //! ```
 
 use super::Real;
@@ -78,18 +78,17 @@ impl<T: Real, const N: usize> Chain<T, N> {
     #[inline(always)]
     pub fn update(&self, z: T, var: T) -> (Self, [T; N]) {
         let inverse = (self.cov[0][0] + var).inverse();
-        let mut gain = [inverse; N];
-        for i in 0..N {
-            gain[i] = (self.cov[0][i] * inverse).where_number(z, z.zero());
-        }
+        // What the position's row keeps: r/s; all of it where nothing was measured, and then nothing is gained.
+        let kept = (var * inverse).where_number(z, z.one());
+        let inverse = inverse.where_number(z, z.zero());
         // Of a lost measurement nothing may enter a sum, not even times 0.
         let e = (z - self.mean[0]).where_number(z, z.zero());
+        let mut gain = [inverse; N];
         let mut out = *self;
         for i in 0..N {
+            gain[i] = self.cov[0][i] * inverse;
             out.mean[i] = self.mean[i] + gain[i] * e;
-        }
-        for j in 0..N {
-            out.cov[0][j] = (var * gain[j]).where_number(z, self.cov[0][j]);
+            out.cov[0][i] = self.cov[0][i] * kept;
         }
         for i in 1..N {
             for j in i..N {

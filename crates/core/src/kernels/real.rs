@@ -9,6 +9,9 @@ pub trait Real: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Se
     /// 0, of as many tracks.
     fn zero(self) -> Self;
 
+    /// 1, of as many tracks.
+    fn one(self) -> Self;
+
     /// 1/x.
     fn inverse(self) -> Self;
 
@@ -20,6 +23,11 @@ impl Real for f64 {
     #[inline(always)]
     fn zero(self) -> f64 {
         0.0
+    }
+
+    #[inline(always)]
+    fn one(self) -> f64 {
+        1.0
     }
 
     #[inline(always)]
