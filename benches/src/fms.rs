@@ -75,6 +75,11 @@ fn multiply<const ROWS: usize>(gain: &Matrix<ROWS, WINDOW>, z: &[[f64; 1]], out:
     }
 }
 
+/// A gain, measurement by measurement.
+fn columns<const ROWS: usize>(gain: &Matrix<ROWS, WINDOW>) -> [[f64; ROWS]; WINDOW] {
+    std::array::from_fn(|j| gain.column(j).into())
+}
+
 /// The model (16) with a window of 15 and a lag of 5, the estimates from z_{i-15} … z_{i-1}.
 pub fn paper(settings: &Settings) -> Result<(), String> {
     let paper = FmsPaper::new(INTERVAL_S);
@@ -94,6 +99,9 @@ pub fn paper(settings: &Settings) -> Result<(), String> {
             let out = out.as_chunks_mut::<3>().0;
             slide(&paper, 0, &z, |at, newest, _| out[at] = newest.into());
         }),
+        Contender::new("fixtrail, a whole series", |out| {
+            fixtrail_lanes::convolve(&columns(&filter), z.as_flattened(), out.as_chunks_mut::<3>().0);
+        }),
         Contender::new("nalgebra 0.35, 3x15 product", |out| multiply(&filter, &z, out)),
     ];
     race("fms filter, n=3 M=15", 3, settings, &filters)?;
@@ -104,6 +112,9 @@ pub fn paper(settings: &Settings) -> Result<(), String> {
                 out[at][..3].copy_from_slice(newest.as_slice());
                 out[at][3..].copy_from_slice(lagged.as_slice());
             });
+        }),
+        Contender::new("fixtrail, a whole series", |out| {
+            fixtrail_lanes::convolve(&columns(&both), z.as_flattened(), out.as_chunks_mut::<6>().0);
         }),
         Contender::new("nalgebra 0.35, 6x15 product", |out| multiply(&both, &z, out)),
     ];

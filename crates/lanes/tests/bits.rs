@@ -2,7 +2,7 @@
 
 use fixtrail_core::kernels::{Chain, Leap, series};
 use fixtrail_core::{Belief, Matrix, Vector};
-use fixtrail_lanes::{Problem, filter};
+use fixtrail_lanes::{Problem, convolve, filter};
 
 fn each_track_is_as_alone<const N: usize>() {
     for (tracks, steps) in [(1, 5), (8, 1), (8, 8), (9, 17), (31, 40)] {
@@ -36,4 +36,27 @@ fn each_track_is_as_it_would_be_alone() {
 fn too_little_room_is_refused() {
     let start = Belief { mean: Vector::<2>::zeros(), cov: Matrix::<2, 2>::identity() };
     filter(&Problem { leap: Leap::new(1.0, 1.0), var: 1.0, start }, &[0.0; 4], 2, &mut [0.0; 7]);
+}
+
+#[test]
+fn every_instant_of_a_convolution_is_the_sum_written_out() {
+    for (window, len) in [(1, 1), (3, 2), (3, 3), (15, 100), (40, 77)] {
+        let gain: Vec<[f64; 3]> =
+            (0..window).map(|j| [0.1 * j as f64, (j as f64).cos(), -1.0 / (1.0 + j as f64)]).collect();
+        let z: Vec<f64> = (0..len).map(|k| (k as f64 * 0.7).sin() * 3.0 + k as f64).collect();
+        let count = (len + 1_usize).saturating_sub(window);
+        // One place more than there are windows: it stays as it is.
+        let mut out = vec![[7.0; 3]; count + 1];
+        convolve(&gain, &z, &mut out);
+        for k in 0..count {
+            let mut sum = [0.0; 3];
+            for (gain, z) in gain.iter().zip(&z[k..]) {
+                for (sum, gain) in sum.iter_mut().zip(gain) {
+                    *sum += gain * z;
+                }
+            }
+            assert_eq!(sum, out[k], "window {window}, instant {k} of {len}");
+        }
+        assert_eq!(out[count], [7.0; 3]);
+    }
 }
