@@ -109,6 +109,11 @@ fn schedules_that_cannot_be_run_end_in_one_sentence_and_exit_code_2() {
             &[],
             &["estimator.kind", "`ekf`, `emvf` or `lmmse`"],
         ),
+        (
+            change("link = { stamped = false }", "link = { stamped = false, arrival = [0.9, 0.8] }"),
+            &[],
+            &["link.arrival", "one number"],
+        ),
         (without_contenders, &["-o", "run"], &["contender", "is missing"]),
     ];
     for (text, more, parts) in cases {

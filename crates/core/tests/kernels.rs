@@ -1,28 +1,13 @@
 //! The fast kernels against the general filter, lane by lane and bit by bit.
 
+mod splitmix;
+
 use fixtrail_core::estimators::kalman::{Robust, predict, update};
 use fixtrail_core::kernels::{Axes, Chain, Leap, Past, series, smooth, smooth_with};
 use fixtrail_core::models::Integrators;
 use fixtrail_core::sensors::position;
 use fixtrail_core::{Belief, Matrix, StepError, Vector};
-
-/// Random numbers without a dependency: splitmix64.
-struct Random(u64);
-
-impl Random {
-    fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    /// 10^u, u from `least` to `most`.
-    fn decades(&mut self, least: f64, most: f64) -> f64 {
-        10_f64.powf(least + (most - least) * self.unit())
-    }
-}
+use splitmix::Random;
 
 fn start<const N: usize>(random: &mut Random) -> Belief<N> {
     let mut root = Matrix::<N, N>::zeros();

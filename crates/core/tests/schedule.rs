@@ -1,21 +1,11 @@
 //! The scheduler against the decision written out in full.
 
+mod splitmix;
+
 use fixtrail_core::schedule::{
     Battery, Candidate, Choice, DesignError, Foresight, MOST_AWAKE, Mode, Policy, Radio, Scheduler,
 };
-
-/// Random numbers without a dependency: splitmix64.
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-}
+use splitmix::Random;
 
 /// A target that moves on a line and becomes uncertain with time, less so the nearer the sensor.
 #[derive(Clone)]
@@ -45,7 +35,7 @@ impl Foresight for Line<'_> {
 
 fn field(random: &mut Random, count: usize, residual_mj: f64) -> Vec<Battery> {
     (0..count)
-        .map(|_| Battery { position_m: [100.0 * random.next(), 100.0 * random.next()], residual_mj, alive: true })
+        .map(|_| Battery { position_m: [100.0 * random.unit(), 100.0 * random.unit()], residual_mj, alive: true })
         .collect()
 }
 
@@ -152,7 +142,7 @@ fn every_decision_is_the_one_written_out() {
         let sensors = field(&mut random, 3 + case % 18, if case % 3 == 0 { f64::INFINITY } else { 2.0 });
         let choices = [
             // Often just what a candidate reaches.
-            Choice::Cost { enough: 1.0 + (2.5 * random.next()).floor(), weight: random.next() },
+            Choice::Cost { enough: 1.0 + (2.5 * random.unit()).floor(), weight: random.unit() },
             Choice::Nearest,
             Choice::Accuracy,
         ];
@@ -172,7 +162,7 @@ fn every_decision_is_the_one_written_out() {
         let mut line = Line { at_m: start, velocity: [20.0, -15.0], sensors: &sensors, fails: false };
         for k in 0..25 {
             if k % 7 == 3 {
-                let dead = (random.next() * sensors.len() as f64) as usize;
+                let dead = (random.unit() * sensors.len() as f64) as usize;
                 ours.fail(dead);
                 written.sensors[dead].alive = false;
             }

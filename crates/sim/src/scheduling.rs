@@ -1,7 +1,7 @@
 //! One run of a target whose sensors are chosen as it goes.
 
 use crate::channels::{Channel, Variant};
-use crate::monte_carlo::{Judge, Sample, ScenarioError, Told, field};
+use crate::monte_carlo::{Judge, Sample, ScenarioError, Told, field, streams};
 use fixtrail_track::anchors::Anchors;
 use fixtrail_track::closed_loop::{ClosedLoop, Taken, World};
 use fixtrail_track::packet::{AnchorId, Content, Packet};
@@ -121,8 +121,7 @@ pub fn scheduled(
     seed: u64,
     number: u64,
 ) -> Result<Scheduled, ScenarioError> {
-    let stream = |purpose: u64| Pcg64::new(u128::from(seed), u128::from(number) * 4 + u128::from(purpose));
-    let (mut motion, noise, network, mut place) = (stream(0), stream(1), stream(2), stream(3));
+    let [mut motion, noise, network, mut place] = streams(seed, number);
     let anchors = scenario.field.as_ref().map(|f| field(f, &mut place)).unwrap_or_default();
     let simulator = registry::simulator(&scenario.truth, &anchors)?;
     let mut normal = || StandardNormal.sample(&mut motion);

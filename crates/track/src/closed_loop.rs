@@ -176,9 +176,10 @@ impl ClosedLoop {
             .collect();
         let scheduler = Scheduler::new(sensors, schedule.radio, &schedule.policy(), [x, y])
             .map_err(|e| fail("schedule", &e.to_string()))?;
-        let arrival = match spec.link.arrival {
-            Some(ArrivalSpec::Constant(p)) => p,
-            _ => 1.0,
+        let arrival = match (&spec.link.arrival, spec.link.receiver) {
+            (Some(ArrivalSpec::Constant(p)), _) => *p,
+            (None, Receiver::Stamped { .. }) => 1.0,
+            _ => return Err(fail("link.arrival", "is not one number, expected one under a schedule")),
         };
         let mut tracker = registry::build(spec, anchors, &BuildOptions::default())?;
         let task = scheduler.task() as AnchorId;

@@ -15,7 +15,7 @@ pub use bound::Bound;
 pub use long_run::LongRun;
 pub use received::{Arrival, Reception, Shown, receive};
 pub use run::World;
-pub(crate) use run::field;
+pub(crate) use run::{field, streams};
 pub use sample::{Instant, LOST_NEES, Sample};
 pub(crate) use sample::{Judge, Told};
 pub use summary::{Estimated, Moment, QUANTILES, Summary};

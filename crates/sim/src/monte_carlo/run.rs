@@ -99,9 +99,7 @@ impl<'a> World<'a> {
     /// # Errors
     /// [`ScenarioError`] when its numbers make no model or channel.
     pub fn new(scenario: &'a Simulated, channel: &Variant, seed: u64, number: u64) -> Result<World<'a>, ScenarioError> {
-        // One stream per purpose and run: what one draws never moves another.
-        let stream = |purpose: u64| Pcg64::new(u128::from(seed), u128::from(number) * 4 + u128::from(purpose));
-        let (mut motion, mut noise, mut network, mut place) = (stream(0), stream(1), stream(2), stream(3));
+        let [mut motion, mut noise, mut network, mut place] = streams(seed, number);
         let anchors = scenario.field.as_ref().map(|f| field(f, &mut place)).unwrap_or_default();
         let simulator = registry::simulator(&scenario.truth, &anchors)?;
         let layout = registry::layout(&scenario.truth);
@@ -300,6 +298,11 @@ fn moved(
             all.iter().take(orders).flat_map(|order| &order[..axes]).copied().collect()
         })
         .collect()
+}
+
+/// Chance of a run: of its motion, its measurements, its network and its places. One stream for each: what one draws never moves another.
+pub(crate) fn streams(seed: u64, number: u64) -> [Pcg64; 4] {
+    std::array::from_fn(|purpose| Pcg64::new(u128::from(seed), u128::from(number) * 4 + purpose as u128))
 }
 
 /// Sensors anywhere in the field.
