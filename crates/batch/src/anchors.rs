@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
 /// The anchors table to use: `named`, else `anchors.csv` beside the input if there is one.
-pub(crate) fn locate(input: &Input, named: Option<&Path>) -> Option<PathBuf> {
+fn locate(input: &Input, named: Option<&Path>) -> Option<PathBuf> {
     match (named, input) {
         (Some(path), _) => Some(path.to_owned()),
         (None, Input::File(path)) => Some(path.with_file_name("anchors.csv")).filter(|p| p.is_file()),
@@ -18,8 +18,19 @@ pub(crate) fn locate(input: &Input, named: Option<&Path>) -> Option<PathBuf> {
     }
 }
 
+/// Returns the anchors in the table at `path`, else in `anchors.csv` beside the input; none where there is no such table.
+///
+/// # Errors
+/// [`BuildError`] with file, line, column, value and expectation.
+pub fn read_anchors(input: &Input, path: Option<&Path>) -> Result<Anchors, BuildError> {
+    match locate(input, path) {
+        Some(path) => read(&path),
+        None => Ok(Anchors::default()),
+    }
+}
+
 /// Returns the anchors of a table in the order of its rows. A missing z is 0: a site in the plane.
-pub(crate) fn read(path: &Path) -> Result<Anchors, BuildError> {
+fn read(path: &Path) -> Result<Anchors, BuildError> {
     let mut sink = AnchorRows { file: path, at: [None; 4], anchors: Anchors::default(), lines: HashMap::new() };
     formats::read(&Input::File(path.to_owned()), None, &mut sink, &mut |_, _| {})?;
     Ok(sink.anchors)

@@ -1,68 +1,51 @@
-//! Rows become the packets of their targets.
+//! Rows become records, a block of rows at a time.
 
+use crate::cell::LARGEST;
 use crate::columns::Extent;
 use crate::content::{AnchorIds, Reading};
-use crate::formats::{Row, TableSink};
+use crate::formats::{Part, Row, TableSink};
+use crate::names::{Lookup, MOST_TARGETS, Names, TargetId};
 use crate::options::{Counts, ReadOptions};
+use crate::record::{MOST_LINES, Shape};
 use crate::schema::{Col, Schema};
 use crate::time::Stamp;
-use fixtrail_track::anchors::Anchors;
 use fixtrail_track::error::BuildError;
 use fixtrail_track::packet::{Kind, Packet};
 use std::collections::HashMap;
 use std::path::Path;
+use std::sync::Arc;
 
 /// How a table writes its times or positions, and the first row that shows it.
-#[derive(Clone, Copy)]
+#[derive(Clone, Debug)]
 pub(crate) struct Seen {
     /// Times: whether they are dates. Positions: whether they are latitude and longitude.
     pub form: bool,
     /// The row.
     pub line: u64,
+    /// The file's name of the column that shows it.
+    pub name: String,
+    /// Its cell as messages show it.
+    pub shown: String,
 }
 
-/// Dates of a packet, nanoseconds since 1970.
-#[derive(Clone, Copy)]
-pub(crate) struct Dates {
-    /// Of `t`.
-    pub sensed_ns: i64,
-    /// Of `received`.
-    pub received_ns: Option<i64>,
-}
-
-/// The packets of one target as they come.
+/// What a block of rows holds.
 #[derive(Default)]
-pub(crate) struct Group {
-    /// Its id; `None` when there is no target column.
-    pub target: Option<String>,
-    /// Its packets; where times are dates, `t_s` and `received_s` follow when the epoch is known.
-    pub packets: Vec<Packet>,
-    /// Dates of the packets, where times are dates.
-    pub dates: Vec<Dates>,
-    latest: Option<Stamp>,
-    rows: u64,
-}
-
-/// The targets in order of their first rows.
-#[derive(Default)]
-struct Groups {
-    positions: HashMap<String, usize>,
-    list: Vec<Group>,
-}
-
-impl Groups {
-    fn of(&mut self, target: Option<&str>) -> &mut Group {
-        let key = target.unwrap_or_default();
-        let i = match self.positions.get(key) {
-            Some(i) => *i,
-            None => {
-                self.positions.insert(key.to_owned(), self.list.len());
-                self.list.push(Group { target: target.map(str::to_owned), ..Group::default() });
-                self.list.len() - 1
-            }
-        };
-        &mut self.list[i]
-    }
+pub(crate) struct Block {
+    /// Records, and their shape.
+    pub words: Vec<u64>,
+    pub shape: Shape,
+    /// What was counted; rows out of order are not, for they show in the whole table alone.
+    pub counts: Counts,
+    /// Form of the times.
+    pub times: Option<Seen>,
+    /// Form of the positions.
+    pub positions: Option<Seen>,
+    /// Line of the first row that refers to an anchor.
+    pub anchored: Option<u64>,
+    /// Offset of the dates from UTC; `Some(None)` when they differ.
+    pub offset_s: Option<Option<i32>>,
+    /// How many rows of each target there were, where `k` is the number of a row: counted from 0 in each block.
+    pub numbered: HashMap<TargetId, u64>,
 }
 
 /// Why a row is not taken.
@@ -79,45 +62,76 @@ impl From<BuildError> for RowError {
     }
 }
 
-/// Collects the packets of a table.
+/// Where the cells of a row stand that is a target, a time in seconds and numbers, and nothing else.
+#[derive(Clone)]
+struct PlainRow {
+    t: usize,
+    target: Option<usize>,
+    values: Vec<usize>,
+    latency_s: f64,
+}
+
+/// Turns rows into a block of records.
 pub(crate) struct Rows<'a> {
     pub schema: Schema<'a>,
-    pub options: &'a ReadOptions,
-    pub anchors: AnchorIds<'a>,
-    groups: Groups,
-    pub times: Option<Seen>,
-    pub positions: Option<Seen>,
-    /// Line of the first row that refers to an anchor.
-    pub anchored: Option<u64>,
-    /// Offset of the dates from UTC; `Some(None)` when they differ.
-    pub offset_s: Option<Option<i32>>,
-    pub counts: Counts,
+    options: &'a ReadOptions,
+    anchors: &'a AnchorIds<'a>,
+    names: Arc<Names>,
+    lookup: Lookup,
+    plain: Option<PlainRow>,
+    numbers: Vec<f64>,
+    block: Block,
 }
 
 impl<'a> Rows<'a> {
-    pub fn new(file: &'a Path, options: &'a ReadOptions, anchors: &'a Anchors) -> Rows<'a> {
+    pub fn new(file: &'a Path, options: &'a ReadOptions, anchors: &'a AnchorIds<'a>, names: Arc<Names>) -> Rows<'a> {
         Rows {
             schema: Schema::new(file),
             options,
-            anchors: AnchorIds::new(anchors),
-            groups: Groups::default(),
-            times: None,
-            positions: None,
-            anchored: None,
-            offset_s: None,
-            counts: Counts::default(),
+            anchors,
+            names,
+            lookup: Lookup::default(),
+            plain: None,
+            numbers: Vec::new(),
+            block: Block::default(),
         }
     }
 
-    /// The targets that have packets.
-    pub fn take_groups(&mut self) -> Vec<Group> {
-        let mut list = std::mem::take(&mut self.groups).list;
-        list.retain(|g| !g.packets.is_empty());
-        list
+    /// Takes a row of which every cell is what it is in almost every table; whether it was one.
+    #[inline]
+    fn take_plain<R: Row>(&mut self, line: u64, row: &R) -> bool {
+        let Some(plain) = &self.plain else { return false };
+        let ordinary = |column: usize| row.number(column).filter(|x| x.abs() <= LARGEST);
+        let Some(t_s) = ordinary(plain.t) else { return false };
+        self.numbers.clear();
+        for column in &plain.values {
+            let Some(x) = ordinary(*column) else { return false };
+            self.numbers.push(x + 0.0);
+        }
+        let is_first = self.block.times.is_none();
+        if is_first || line >= MOST_LINES || self.block.times.as_ref().is_some_and(|seen| seen.form) {
+            return false;
+        }
+        let id = match plain.target.map(|column| (row.text(column), row.whole(column))) {
+            None => self.lookup.id(&self.names, ""),
+            Some((Some(name), _)) => self.lookup.id(&self.names, name),
+            Some((None, Some(number))) => self.lookup.numbered(&self.names, number),
+            Some((None, None)) => return false,
+        };
+        if id as usize >= MOST_TARGETS {
+            return false;
+        }
+        self.block.shape.push_plain(id, line, t_s + 0.0 - plain.latency_s, &self.numbers, &mut self.block.words);
+        true
     }
 
     fn take<R: Row>(&mut self, line: u64, row: &R) -> Result<(), RowError> {
-        let at = Reading { schema: &self.schema, anchors: &self.anchors, line, row };
+        let at = Reading { schema: &self.schema, anchors: self.anchors, line, row };
+        if line >= MOST_LINES {
+            return Err(RowError::Fatal(
+                at.fail(Col::T, format!("is in line {line}, expected less than {MOST_LINES} lines")),
+            ));
+        }
         let target = at.schema.cell(row, Col::Target);
         let target = target.name("the id of a target").map_err(|what| at.fail(Col::Target, what))?;
         if target.is_none() && at.schema.has(Col::Target) {
@@ -125,27 +139,31 @@ impl<'a> Rows<'a> {
         }
         let kind = at.kind()?;
         if self.options.kinds.as_ref().is_some_and(|kinds| !kinds.contains(&kind)) {
-            *self.counts.ignored_kinds.entry(kind.name().to_owned()).or_default() += 1;
+            *self.block.counts.ignored_kinds.entry(kind.name().to_owned()).or_default() += 1;
             return Ok(());
         }
+        let id = self.lookup.id(&self.names, target.as_deref().unwrap_or_default());
+        if id as usize >= MOST_TARGETS {
+            let what = format!("is one target more than the {MOST_TARGETS} there is room for");
+            return Err(RowError::Fatal(at.fail(Col::Target, what)));
+        }
         // A row of a linear run is an instant even when it turns out bad.
-        let group = self.groups.of(target.as_deref());
-        group.rows += 1;
+        let number = count_row(&self.schema, id, &mut self.block);
 
         let time = at.schema.cell(row, Col::T).stamp().map_err(|what| at.fail(Col::T, what))?;
         if time.is_none() && (at.schema.has(Col::T) || kind != Kind::Linear) {
             return Err(at.fail(Col::T, "is empty, expected a time in seconds or RFC 3339").into());
         }
         let received = at.schema.cell(row, Col::Received).stamp().map_err(|what| at.fail(Col::Received, what))?;
-        let k = if kind == Kind::Linear { at.k(group.rows - 1)? } else { None };
+        let k = if kind == Kind::Linear { at.k(number)? } else { None };
         let sd = at.sd()?;
         let seq = at.schema.cell(row, Col::Seq).count("a sequence number, a whole number from 0");
         let seq = seq.map_err(|what| at.fail(Col::Seq, what))?;
         let arrival = at.arrival()?;
         let (content, is_geodetic) = at.content(kind)?;
 
-        let times = same_time_form(&at, self.times, time, received)?;
-        let positions = same_position_form(&at, self.positions, is_geodetic)?;
+        let times = same_time_form(&at, &self.block.times, time, received)?;
+        let positions = same_position_form(&at, &self.block.positions, is_geodetic)?;
 
         let latency_s = self.options.latency_s.get(&kind).copied().unwrap_or(0.0);
         let t_s = match (time, k) {
@@ -153,31 +171,21 @@ impl<'a> Rows<'a> {
             (None, Some(k)) => k as f64,
             _ => 0.0,
         };
-        let received_s = match received {
-            Some(Stamp::Seconds(t_s)) => Some(t_s),
-            _ => None,
-        };
-        self.times = times;
-        self.positions = positions;
+        if times.is_some() {
+            self.block.times = times;
+        }
+        if positions.is_some() {
+            self.block.positions = positions;
+        }
         if !matches!(kind, Kind::Position | Kind::Linear) {
-            self.anchored = self.anchored.or(Some(line));
+            self.block.anchored = self.block.anchored.or(Some(line));
         }
-        if let Some(Stamp::Utc { ns, offset_s }) = time {
-            let before = self.offset_s.unwrap_or(Some(offset_s));
-            self.offset_s = Some(before.filter(|o| *o == offset_s));
-            let received_ns = match received {
-                Some(Stamp::Utc { ns, .. }) => Some(ns),
-                _ => None,
-            };
-            group.dates.push(Dates { sensed_ns: ns, received_ns });
+        if let Some(Stamp::Utc { offset_s, .. }) = time {
+            let before = self.block.offset_s.unwrap_or(Some(offset_s));
+            self.block.offset_s = Some(before.filter(|o| *o == offset_s));
         }
-        group.packets.push(Packet { t_s, k, content, sd, seq, received_s, arrival, line });
-        if let Some(now) = time {
-            match group.latest {
-                Some(latest) if now.is_before(latest) => self.counts.out_of_order += 1,
-                _ => group.latest = Some(now),
-            }
-        }
+        let packet = Packet { t_s, k, content, sd, seq, received_s: None, arrival, line };
+        self.block.shape.push(id, time, received, &packet, &mut self.block.words);
         Ok(())
     }
 
@@ -186,60 +194,104 @@ impl<'a> Rows<'a> {
         if !self.options.skip_bad_rows {
             return Err(error);
         }
-        self.counts.skipped_bad += 1;
-        self.counts.first_bad.get_or_insert_with(|| error.to_string());
+        self.block.counts.skipped_bad += 1;
+        self.block.counts.first_bad.get_or_insert_with(|| error.to_string());
         Ok(())
+    }
+
+    fn plain_row(&self) -> Option<PlainRow> {
+        let (schema, shape) = (&self.schema, &self.block.shape);
+        let kind = shape.kind().filter(|_| shape.is_plain() && shape.n_values() > 0 && !schema.has(Col::Kind))?;
+        if self.options.kinds.as_ref().is_some_and(|kinds| !kinds.contains(&kind)) {
+            return None;
+        }
+        let values = match kind {
+            Kind::Position if !schema.has(Col::Lat) && !schema.has(Col::Lon) && !schema.has(Col::Alt) => {
+                [Col::X, Col::Y, Col::Z].into_iter().take(shape.n_values()).map(|col| schema.place(col)).collect()
+            }
+            Kind::Linear if schema.u.is_empty() => schema.z.iter().copied().collect(),
+            _ => None,
+        };
+        Some(PlainRow {
+            t: schema.place(Col::T)?,
+            target: schema.place(Col::Target),
+            values: values?,
+            latency_s: self.options.latency_s.get(&kind).copied().unwrap_or(0.0),
+        })
     }
 }
 
+/// The number of a target's row within this block, where rows are numbered.
+fn count_row(schema: &Schema<'_>, id: TargetId, block: &mut Block) -> u64 {
+    if !schema.numbers_rows() {
+        return 0;
+    }
+    let count = block.numbered.entry(id).or_default();
+    *count += 1;
+    *count - 1
+}
+
+/// The form of times after a row, if the row shows it for the first time.
 fn same_time_form<R: Row>(
     at: &Reading<'_, R>,
-    mut seen: Option<Seen>,
+    seen: &Option<Seen>,
     time: Option<Stamp>,
     received: Option<Stamp>,
 ) -> Result<Option<Seen>, RowError> {
+    let mut new: Option<Seen> = None;
     for (col, stamp) in [(Col::T, time), (Col::Received, received)] {
         let Some(stamp) = stamp else { continue };
+        let shown = || at.schema.cell(at.row, col).show();
+        if matches!(stamp, Stamp::Utc { ns: i64::MAX, .. }) {
+            return Err(at.fail(col, format!("is {}, expected a time before the end of 2261", shown())).into());
+        }
         let form = matches!(stamp, Stamp::Utc { .. });
-        match seen {
-            None => seen = Some(Seen { form, line: at.line }),
+        let now = || Seen { form, line: at.line, name: at.schema.shown(col), shown: shown() };
+        match seen.as_ref().or(new.as_ref()) {
+            None => new = Some(now()),
             Some(first) if first.form != form => {
-                let words = |is_date| if is_date { "RFC 3339" } else { "seconds" };
-                let cell = at.schema.cell(at.row, col);
-                let what = format!(
-                    "is {} where line {} has {}, expected one form of time in the table",
-                    cell.show(),
-                    first.line,
-                    words(first.form)
-                );
-                return Err(RowError::Fatal(at.fail(col, what)));
+                return Err(RowError::Fatal(other_time_form(at.schema.file, first, &now())));
             }
             Some(_) => {}
         }
     }
-    Ok(seen)
+    Ok(new)
 }
 
+/// The error of a table whose times have two forms.
+pub(crate) fn other_time_form(file: &Path, first: &Seen, now: &Seen) -> BuildError {
+    let words = if first.form { "RFC 3339" } else { "seconds" };
+    let what =
+        format!("is {} where line {} has {words}, expected one form of time in the table", now.shown, first.line);
+    BuildError::new(file, Some(now.line), Some(&now.name), what)
+}
+
+/// The form of positions after a row, if the row shows it for the first time.
 fn same_position_form<R: Row>(
     at: &Reading<'_, R>,
-    seen: Option<Seen>,
+    seen: &Option<Seen>,
     is_geodetic: Option<bool>,
 ) -> Result<Option<Seen>, RowError> {
-    let Some(form) = is_geodetic else { return Ok(seen) };
+    let Some(form) = is_geodetic else { return Ok(None) };
+    let col = if form { Col::Lat } else { Col::X };
+    let now = || Seen { form, line: at.line, name: at.schema.shown(col), shown: String::new() };
     match seen {
-        Some(first) if first.form != form => {
-            let words = |is_geodetic| if is_geodetic { "`lat` and `lon`" } else { "`x` and `y`" };
-            let col = if form { Col::Lat } else { Col::X };
-            let what = format!(
-                "gives a position in {} where line {} has {}, expected one form of position in the table",
-                words(form),
-                first.line,
-                words(first.form)
-            );
-            Err(RowError::Fatal(at.fail(col, what)))
-        }
-        seen => Ok(seen.or(Some(Seen { form, line: at.line }))),
+        Some(first) if first.form != form => Err(RowError::Fatal(other_position_form(at.schema.file, first, &now()))),
+        Some(_) => Ok(None),
+        None => Ok(Some(now())),
     }
+}
+
+/// The error of a table whose positions have two forms.
+pub(crate) fn other_position_form(file: &Path, first: &Seen, now: &Seen) -> BuildError {
+    let words = |is_geodetic| if is_geodetic { "`lat` and `lon`" } else { "`x` and `y`" };
+    let what = format!(
+        "gives a position in {} where line {} has {}, expected one form of position in the table",
+        words(now.form),
+        first.line,
+        words(first.form)
+    );
+    BuildError::new(file, Some(now.line), Some(&now.name), what)
 }
 
 impl TableSink for Rows<'_> {
@@ -247,12 +299,23 @@ impl TableSink for Rows<'_> {
         let file = self.schema.file;
         self.schema = Schema::resolve(&self.schema, names, self.options, extent)
             .map_err(|(key, what)| BuildError::new(file, None, key.as_deref(), what))?;
-        self.counts.ignored_columns = self.schema.ignored.clone();
+        self.block.counts.ignored_columns = self.schema.ignored.clone();
+        let shape = self.schema.shape();
+        if shape != self.block.shape {
+            let (before, words) = (self.block.shape, std::mem::take(&mut self.block.words));
+            let wide = if words.is_empty() { shape } else { before.union(&shape) };
+            words.chunks_exact(before.width.max(1)).for_each(|r| before.widen(r, &wide, &mut self.block.words));
+            self.block.shape = wide;
+        }
+        self.plain = self.plain_row();
         Ok((0..names.len()).map(|i| self.schema.reads(i)).collect())
     }
 
     fn row<R: Row>(&mut self, line: u64, row: &R) -> Result<(), BuildError> {
-        self.counts.rows += 1;
+        self.block.counts.rows += 1;
+        if self.take_plain(line, row) {
+            return Ok(());
+        }
         match self.take(line, row) {
             Ok(()) => Ok(()),
             Err(RowError::Bad(error)) => self.skip(error),
@@ -261,10 +324,34 @@ impl TableSink for Rows<'_> {
     }
 
     fn malformed(&mut self, error: BuildError) -> Result<(), BuildError> {
-        self.counts.rows += 1;
+        self.block.counts.rows += 1;
         if !self.schema.has(Col::Target) {
-            self.groups.of(None).rows += 1;
+            count_row(&self.schema, self.lookup.id(&self.names, ""), &mut self.block);
         }
         self.skip(error)
+    }
+}
+
+impl Part for Rows<'_> {
+    type Block = Block;
+
+    fn fork(&self) -> Self {
+        let block = Block { shape: self.block.shape, ..Block::default() };
+        Rows {
+            schema: self.schema.clone(),
+            names: self.names.clone(),
+            lookup: Lookup::default(),
+            plain: self.plain.clone(),
+            numbers: Vec::new(),
+            block,
+            ..*self
+        }
+    }
+
+    fn cut(&mut self) -> Block {
+        let shape = self.block.shape;
+        let mut block = std::mem::replace(&mut self.block, Block { shape, ..Block::default() });
+        block.counts.ignored_columns.clone_from(&self.schema.ignored);
+        block
     }
 }

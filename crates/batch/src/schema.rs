@@ -4,6 +4,7 @@ use crate::cell::Cell;
 use crate::columns::{self, Extent, HeaderError, Known, aliased, known};
 use crate::formats::Row;
 use crate::options::{LinearShape, ReadOptions};
+use crate::record::{Parts, Shape};
 use fixtrail_track::error::BuildError;
 use fixtrail_track::packet::Kind;
 use std::path::Path;
@@ -29,7 +30,7 @@ const KNOWN: [Known; 16] = [
 ];
 
 /// Index into [`KNOWN`].
-#[derive(Clone, Copy, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Col {
     T,
     Target,
@@ -50,6 +51,7 @@ pub(crate) enum Col {
 }
 
 /// The columns of one measurement table.
+#[derive(Clone)]
 pub(crate) struct Schema<'a> {
     /// The file, for messages.
     pub file: &'a Path,
@@ -91,6 +93,39 @@ impl<'a> Schema<'a> {
         self.known[col as usize].is_some()
     }
 
+    /// Where a column of ours stands in the file.
+    pub fn place(&self, col: Col) -> Option<usize> {
+        self.known[col as usize]
+    }
+
+    /// Whether the time index of a linear row is its number among the rows of its target.
+    pub fn numbers_rows(&self) -> bool {
+        !self.has(Col::K) && !self.has(Col::T)
+    }
+
+    /// The words that a record of this table needs.
+    pub fn shape(&self) -> Shape {
+        let highest = |cols: &[Col]| cols.iter().rposition(|col| self.has(*col)).map_or(0, |i| i + 1);
+        let positions = highest(&[Col::X, Col::Y, Col::Z]).max(highest(&[Col::Lat, Col::Lon, Col::Alt]));
+        let only = self.kind.filter(|kind| !self.has(Col::Kind) && matches!(kind, Kind::Position | Kind::Linear));
+        let (n_values, n_inputs) = match only {
+            Some(Kind::Position) => (positions, 0),
+            Some(_) => (self.z.len(), self.u.len()),
+            None => (positions.max(self.z.len()).max(1), self.u.len()),
+        };
+        Shape::new(&Parts {
+            t: self.has(Col::T),
+            k: self.has(Col::K) || self.numbers_rows(),
+            kind: only,
+            n_values,
+            n_inputs,
+            sd: self.has(Col::Sd),
+            seq: self.has(Col::Seq),
+            received: self.has(Col::Received),
+            arrival: self.arrival.is_some(),
+        })
+    }
+
     /// The cell of a row in a column of ours.
     pub fn cell<'r, R: Row>(&self, row: &'r R, col: Col) -> Cell<'r> {
         self.known[col as usize].map_or(Cell::Absent, |i| row.cell(i))
@@ -101,10 +136,14 @@ impl<'a> Schema<'a> {
         place.map_or_else(|| ours.to_owned(), |i| self.names[i].clone())
     }
 
+    /// The file's name of a column of ours, or ours.
+    pub fn shown(&self, col: Col) -> String {
+        self.name(self.place(col), KNOWN[col as usize].name)
+    }
+
     /// An error about a column of a row.
     pub fn at(&self, line: u64, col: Col, what: impl Into<String>) -> BuildError {
-        let name = self.name(self.known[col as usize], KNOWN[col as usize].name);
-        BuildError::new(self.file, Some(line), Some(&name), what)
+        BuildError::new(self.file, Some(line), Some(&self.shown(col)), what)
     }
 
     /// Returns the columns among the file's `names`. `before` is the schema so far when NDJSON brings a new key.

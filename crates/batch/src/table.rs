@@ -1,10 +1,13 @@
 //! A measurement table in memory.
 
+use crate::anchors::read_anchors;
+use crate::content::AnchorIds;
+use crate::gather::{Facts, Gathered, gather};
 use crate::input::Input;
 use crate::options::{Counts, ReadOptions};
-use crate::rows::Rows;
+use crate::settle::{Settler, Tally};
+use crate::store::Room;
 use crate::time::TimeForm;
-use crate::{anchors, formats, sort};
 use fixtrail_track::anchors::Anchors;
 use fixtrail_track::error::BuildError;
 use fixtrail_track::geo::Origin;
@@ -21,7 +24,7 @@ pub struct Table {
     /// How times are written and what second 0 is.
     pub time: TimeForm,
     /// Origin of the local frame when positions came as latitude and longitude: the earliest position (of the first target
-    /// in order when several are as early), at height 0 if it has none.
+    /// in order when several are as early, then the southernmost), at height 0 if it has none.
     pub origin: Option<Origin>,
     /// Whether there is a target column.
     pub has_target: bool,
@@ -67,13 +70,23 @@ pub fn read_table(
     options: &ReadOptions,
     progress: &mut dyn FnMut(u64, u64),
 ) -> Result<Table, BuildError> {
-    let anchors = match anchors::locate(input, anchors) {
-        Some(path) => anchors::read(&path)?,
-        None => Anchors::default(),
-    };
-    let mut rows = Rows::new(input.name(), options, &anchors);
-    formats::read(input, options.format, &mut rows, progress)?;
-    let settled = sort::settle(rows)?;
-    let sort::Settled { targets, time, origin, has_target, counts } = settled;
-    Ok(Table { targets, anchors, time, origin, has_target, counts })
+    let anchors = read_anchors(input, anchors)?;
+    let ids = AnchorIds::new(&anchors);
+    let Gathered { facts, mut merge } = gather(input, &ids, options, (Room::UNLIMITED, Path::new("")), progress)?;
+    let (mut targets, mut tally, mut records) = (Vec::new(), Tally::default(), Vec::new());
+    while let Some(id) = facts.next_target(&merge) {
+        records.clear();
+        facts.take(&mut merge, id, usize::MAX, &mut records)?;
+        let mut packets = facts.packets(&records);
+        Settler::new(&facts, id).settle(&mut packets, &facts, &mut tally);
+        if !packets.is_empty() {
+            targets.push(TargetPackets { target: facts.name(id), packets });
+        }
+    }
+    let Facts { time, origin, has_target, mut counts, .. } = facts;
+    tally.add_to(&mut counts);
+    match tally.refused {
+        Some(error) => Err(error),
+        None => Ok(Table { targets, anchors, time, origin, has_target, counts }),
+    }
 }

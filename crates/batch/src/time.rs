@@ -39,17 +39,6 @@ pub(crate) enum Stamp {
     Utc { ns: i64, offset_s: i32 },
 }
 
-impl Stamp {
-    /// Whether it is earlier than another of the same form.
-    pub fn is_before(self, other: Stamp) -> bool {
-        match (self, other) {
-            (Stamp::Seconds(a), Stamp::Seconds(b)) => a < b,
-            (Stamp::Utc { ns: a, .. }, Stamp::Utc { ns: b, .. }) => a < b,
-            _ => false,
-        }
-    }
-}
-
 /// Whether text is meant as a date rather than as a number of seconds.
 pub(crate) fn looks_like_a_date(text: &str) -> bool {
     text.contains([':', 'T']) || text.bytes().skip(1).filter(|b| *b == b'-').count() == 2

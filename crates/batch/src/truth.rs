@@ -4,7 +4,7 @@ use crate::cell::Cell;
 use crate::columns::{self, Extent, HeaderError, Known, aliased, known};
 use crate::formats::{self, Row, TableSink};
 use crate::input::Input;
-use crate::sort::to_local;
+use crate::settle::to_local;
 use crate::table::Table;
 use crate::time::{self, Stamp, TimeForm};
 use fixtrail_track::error::BuildError;

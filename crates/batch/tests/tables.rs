@@ -264,7 +264,7 @@ fn truth_is_read_in_the_frame_and_time_of_the_table() {
 #[test]
 fn progress_ends_at_the_size_of_the_file() {
     let mut text = "t,x,y\n".to_owned();
-    (0..10_000).for_each(|i| text.push_str(&format!("{i},1,2\n")));
+    (0..400_000).for_each(|i| text.push_str(&format!("{i},1,2\n")));
     let folder = Folder::new(&[("m.csv", text.as_bytes())]);
     let mut calls = Vec::new();
     read_table(&Input::File(folder.path("m.csv")), None, &ReadOptions::default(), &mut |done, total| {

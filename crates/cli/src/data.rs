@@ -5,7 +5,8 @@ use crate::figures::{counted, grouped};
 use crate::output::say;
 use crate::progress::Progress;
 use clap::{Args, ValueEnum};
-use fixtrail_batch::{Format, Input, LinearShape, ReadOptions, Table, read_table, read_truth};
+use fixtrail_batch::{Counts, Format, Input, LinearShape, ReadOptions, Table, read_table, read_truth};
+use fixtrail_track::anchors::Anchors;
 use fixtrail_track::error::BuildError;
 use fixtrail_track::packet::Kind;
 use fixtrail_track::registry::{self, BuildOptions};
@@ -85,8 +86,8 @@ impl SpecText {
     ///
     /// # Errors
     /// [`Failure::Bad`] in the name of the spec.
-    pub fn try_build(&self, table: &Table, lagged: LaggedMode) -> Result<(), Failure> {
-        let built = registry::build(&self.spec, &table.anchors, &BuildOptions { lagged });
+    pub fn try_build(&self, anchors: &Anchors, lagged: LaggedMode) -> Result<(), Failure> {
+        let built = registry::build(&self.spec, anchors, &BuildOptions { lagged });
         built.map(drop).map_err(|e| self.rename(e).into())
     }
 
@@ -160,15 +161,10 @@ impl DataArguments {
     }
 
     /// What was read, and what of it is not used, in a few lines.
-    pub fn reading(&self, table: &Table, unused: &BTreeMap<String, u64>) -> Vec<String> {
-        let counts = &table.counts;
+    pub fn reading(&self, counts: &Counts, targets: u64, unused: &BTreeMap<String, u64>) -> Vec<String> {
         let mut lines = Vec::new();
-        let mut read = format!(
-            "{}: {}, {}",
-            self.input.display(),
-            counted(counts.rows, "row"),
-            counted(table.targets.len() as u64, "target")
-        );
+        let mut read =
+            format!("{}: {}, {}", self.input.display(), counted(counts.rows, "row"), counted(targets, "target"));
         if counts.duplicates > 0 {
             read += &format!(", {} dropped", counted(counts.duplicates, "duplicate"));
         }
@@ -205,8 +201,21 @@ impl DataArguments {
     /// [`Failure::Bad`] for anything in them that cannot be used.
     pub fn load(&self, wanted: Wanted) -> Result<Data, Failure> {
         let given = self.spec.as_deref().map(read_spec).transpose()?;
+        self.load_with(given, wanted)
+    }
+
+    /// Where the anchors table is, if the user or the spec says so.
+    pub fn anchors_table(&self, spec: Option<&SpecText>) -> Option<PathBuf> {
+        self.anchors.clone().or_else(|| spec.and_then(spec_anchors))
+    }
+
+    /// As [`load`](Self::load), with a spec that has been read.
+    ///
+    /// # Errors
+    /// [`Failure::Bad`] for anything that cannot be used.
+    pub fn load_with(&self, given: Option<SpecText>, wanted: Wanted) -> Result<Data, Failure> {
         let options = self.read_options(given.as_ref().map(|s| &s.spec));
-        let anchors = self.anchors.clone().or_else(|| given.as_ref().and_then(spec_anchors));
+        let anchors = self.anchors_table(given.as_ref());
         let bar = Progress::bytes();
         let table = read_table(&self.input(), anchors.as_deref(), &options, &mut |done, total| bar.set(done, total))?;
         drop(bar);
@@ -230,7 +239,8 @@ impl DataArguments {
         Ok(Data { table, survey, spec, unused })
     }
 
-    fn read_options(&self, spec: Option<&Spec>) -> ReadOptions {
+    /// How the table is read.
+    pub fn read_options(&self, spec: Option<&Spec>) -> ReadOptions {
         let mut options = ReadOptions {
             skip_bad_rows: self.skip_bad_rows,
             format: self.format.map(Format::from),

@@ -1,6 +1,7 @@
 //! Packets in, fixes out: the spec, the link that decides what a filter may believe, and the trackers.
 
 pub mod anchors;
+pub mod chains;
 pub mod closed_loop;
 mod dims;
 pub mod error;

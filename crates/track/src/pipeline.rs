@@ -57,6 +57,11 @@ impl Pipeline {
         }
     }
 
+    /// How often a lost track was given up and started anew.
+    pub fn restarts(&self) -> u64 {
+        self.tracker.restarts()
+    }
+
     /// The link, for what it has counted and what waits in it.
     pub fn link(&self) -> &Link {
         &self.link
@@ -127,7 +132,7 @@ pub fn track(
         pipeline.push(packet.clone(), &mut trail).map_err(named(line))?;
     }
     pipeline.finish(&mut trail).map_err(named(line))?;
-    trail.restarts = pipeline.tracker.restarts();
+    trail.restarts = pipeline.restarts();
     Ok(TargetTrail { target: packets.target.clone(), trail, link: pipeline.link.report() })
 }
 

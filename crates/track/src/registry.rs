@@ -1,6 +1,7 @@
 //! Names become types: one tracker per target from a checked spec.
 
 use crate::anchors::Anchors;
+use crate::chains::{Chains, kinematic};
 use crate::dims::with_size;
 use crate::error::{BuildError, StepError};
 use crate::layout::Layout;
@@ -13,7 +14,8 @@ use crate::predictive::{Carried, Foreteller};
 use crate::recursion::{Modes, Single};
 use crate::simulator::Simulator;
 use crate::spec::{
-    Align, EmvfVariant, EstimatorSpec, LinearSpec, ModeSpec, ModelSpec, Prior, Receiver, SensorSpec, Span, Spec,
+    Align, EmvfVariant, EstimatorSpec, KinematicSpec, LinearSpec, ModeSpec, ModelSpec, Prior, Receiver, SensorSpec,
+    Span, Spec,
 };
 use crate::tracker::Tracker;
 use crate::trackers::LaggedMode;
@@ -64,6 +66,19 @@ pub fn layout(spec: &Spec) -> Layout {
 /// [`BuildError`] when the numbers of the spec, all well-formed, still do not make an estimator: a bias of an unknown anchor, a
 /// gain that cannot be designed.
 pub fn build(spec: &Spec, anchors: &Anchors, options: &BuildOptions) -> Result<Box<dyn Tracker>, BuildError> {
+    if let Some((model, sd)) = kinematic(spec) {
+        return match (model.axes, model.order) {
+            (1, 1) => chains::<1, 1, 1>(spec, anchors, model, sd),
+            (2, 1) => chains::<2, 1, 2>(spec, anchors, model, sd),
+            (3, 1) => chains::<3, 1, 3>(spec, anchors, model, sd),
+            (1, 2) => chains::<1, 2, 2>(spec, anchors, model, sd),
+            (2, 2) => chains::<2, 2, 4>(spec, anchors, model, sd),
+            (3, 2) => chains::<3, 2, 6>(spec, anchors, model, sd),
+            (1, _) => chains::<1, 3, 3>(spec, anchors, model, sd),
+            (2, _) => chains::<2, 3, 6>(spec, anchors, model, sd),
+            _ => chains::<3, 3, 9>(spec, anchors, model, sd),
+        };
+    }
     modelled(spec, anchors, Tracking { spec, options })
 }
 
@@ -302,6 +317,16 @@ fn estimator<const N: usize>(
             return held(spec, model);
         }
     })
+}
+
+/// A Kalman filter for each axis.
+fn chains<const A: usize, const O: usize, const N: usize>(
+    spec: &Spec,
+    anchors: &Anchors,
+    model: &KinematicSpec,
+    sd: f64,
+) -> Result<Box<dyn Tracker>, BuildError> {
+    Ok(Box::new(Kalman::new(sized::<N>(spec, anchors)?, Chains::<A, O>::new(model, sd))))
 }
 
 /// A filter of location and speed that takes one axis at a time: of three sizes alone, and compiled for no other.

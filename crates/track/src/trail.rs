@@ -63,6 +63,30 @@ impl Trail {
         self.n
     }
 
+    /// Makes room for that many rows more.
+    pub fn reserve(&mut self, rows: usize) {
+        self.k.reserve(rows);
+        self.t_s.reserve(rows);
+        self.mean.reserve(rows * self.n);
+        self.cov.reserve(rows * Self::packed_len(self.n));
+        self.status.reserve(rows);
+        self.nis.reserve(rows);
+        self.nis_dof.reserve(rows);
+    }
+
+    /// Appends a row with an estimate and without a smoother's half: `mean` of `n` values, `packed` the upper triangle of the covariance, and
+    /// the normalised innovation squared with the number of measurements behind it.
+    #[inline]
+    pub fn push(&mut self, k: u64, t_s: f64, mean: &[f64], packed: &[f64], status: Status, (nis, dof): (f64, u32)) {
+        self.k.push(k);
+        self.t_s.push(Some(t_s));
+        self.mean.extend_from_slice(mean);
+        self.cov.extend_from_slice(packed);
+        self.status.push(status);
+        self.nis.push((dof > 0).then_some(nis));
+        self.nis_dof.push(dof);
+    }
+
     /// The rows that stand at least `apart_s` seconds after the one before, the first of all included, without the smoother's half.
     pub fn thinned(&self, apart_s: f64) -> Trail {
         let mut out = Trail::new(self.n, false);

@@ -1,11 +1,18 @@
 //! CSV with a header line.
+//!
+//! Lines without quotes are cut at commas, a block of lines at a time and several blocks side by side; from the first quote on the `csv`
+//! crate reads, row by row.
 
-use super::{PROGRESS_ROWS, Progress, Row, TableSink};
+use super::decimal::decimal;
+use super::lines::{self, Lines};
+use super::{PROGRESS_ROWS, Part, Progress, Row, TableSink, in_turn};
 use crate::cell::{Cell, clip};
 use crate::columns::Extent;
 use crate::input::Source;
+use crate::ordered::ordered;
 use csv::{ErrorKind, ReaderBuilder, StringRecord, Terminator};
 use fixtrail_track::error::BuildError;
+use memchr::memchr2_iter;
 use std::io::Read;
 use std::path::Path;
 
@@ -13,25 +20,250 @@ impl Row for StringRecord {
     fn cell(&self, column: usize) -> Cell<'_> {
         self.get(column).map_or(Cell::Absent, Cell::text)
     }
+
+    fn number(&self, column: usize) -> Option<f64> {
+        self.get(column).and_then(|text| decimal(text.as_bytes()))
+    }
+
+    fn text(&self, column: usize) -> Option<&str> {
+        self.get(column).map(str::trim).filter(|text| !text.is_empty())
+    }
 }
 
-/// Reads the header and every row. The carriage return of a CRLF line is white space at the end of its last cell.
+/// Where a reader stands in a file.
+#[derive(Default)]
+struct Place {
+    /// Lines before it.
+    lines: u64,
+    /// Rows before it.
+    rows: u64,
+    /// The header, once it has been read.
+    names: Option<Vec<String>>,
+}
+
+/// Reads the header and every row.
 pub(super) fn read<S: TableSink>(source: Source<'_>, sink: &mut S, progress: Progress<'_>) -> Result<(), BuildError> {
     let (file, total, done) = (source.file, source.total, source.counter());
+    read_rows(source.reader, file, Place::default(), sink, &mut || progress(done.get(), total))
+}
+
+/// Reads the header and every row into parts.
+pub(super) fn read_parts<P: Part>(
+    source: Source<'_>,
+    mut part: P,
+    threads: usize,
+    join: &mut dyn FnMut(P::Block) -> Result<(), BuildError>,
+    progress: Progress<'_>,
+) -> Result<P, BuildError> {
+    let (file, total, done) = (source.file, source.total, source.counter());
+    let failed = |e: std::io::Error| BuildError::new(file, None, None, format!("cannot be read: {e}"));
+    let mut lines = Lines::new(source.reader);
+    let mut place = Place::default();
+    let mut block = lines.next().map_err(failed)?.unwrap_or_default();
+    if let Some(Header { names, line, end }) = header(&block) {
+        part.columns(&names, Extent::Whole).map_err(|e| at_line(e, line))?;
+        block.drain(..end);
+        place = Place { lines: line, rows: 0, names: Some(names) };
+    }
+
+    let mut odd = None;
+    if let Some(names) = &place.names {
+        let (mut pending, mut first_line) = (Some(block), place.lines + 1);
+        let next = || {
+            let block = match pending.take() {
+                Some(block) => Some(block),
+                None => lines.next().map_err(failed)?,
+            };
+            let Some(block) = block else { return Ok(None) };
+            let from = first_line;
+            first_line += lines::count(&block);
+            match plain_text(block) {
+                Ok(text) => Ok(Some((text, from, done.get()))),
+                Err(block) => {
+                    odd = Some((block, from));
+                    Ok(None)
+                }
+            }
+        };
+        let work = |part: &mut P, (text, first_line, bytes): (String, u64, u64)| {
+            let (rows, result) = cut_rows(&text, first_line, names.len(), file, part);
+            (part.cut(), rows, result, bytes)
+        };
+        let mut rows = 0;
+        let take = |(block, count, result, bytes): (P::Block, u64, Result<(), BuildError>, u64)| {
+            rows += count;
+            join(block)?;
+            progress(bytes, total);
+            result
+        };
+        ordered(threads, || part.fork(), next, work, take)?;
+        place.rows = rows;
+        match odd {
+            Some((block, from)) => {
+                place.lines = from - 1;
+                odd_rows(lines.after(block), file, place, part, join, &mut || progress(done.get(), total))
+            }
+            None if rows == 0 => Err(no_rows(file)),
+            None => Ok(part),
+        }
+    } else {
+        odd_rows(lines.after(block), file, place, part, join, &mut || progress(done.get(), total))
+    }
+}
+
+fn odd_rows<P: Part>(
+    reader: impl Read,
+    file: &Path,
+    place: Place,
+    part: P,
+    join: &mut dyn FnMut(P::Block) -> Result<(), BuildError>,
+    progress: &mut dyn FnMut(),
+) -> Result<P, BuildError> {
+    in_turn(part, join, |sink| read_rows(reader, file, place, sink, progress))
+}
+
+/// A header on a line of its own.
+struct Header {
+    names: Vec<String>,
+    line: u64,
+    /// Bytes of the block up to the end of the line.
+    end: usize,
+}
+
+/// The header at the beginning of a file, if it is one line of several names and complete.
+fn header(block: &[u8]) -> Option<Header> {
+    let mut end = 0;
+    for (i, line) in block.split_inclusive(|b| *b == b'\n').enumerate() {
+        end += line.len();
+        let text = if i == 0 { line.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(line) } else { line };
+        if text.trim_ascii().is_empty() {
+            continue;
+        }
+        if !line.ends_with(b"\n") || !memchr::memchr_iter(b'"', text).count().is_multiple_of(2) {
+            return None;
+        }
+        let mut record = StringRecord::new();
+        let read = ReaderBuilder::new().has_headers(false).from_reader(text).read_record(&mut record);
+        let names: Vec<String> = record.iter().map(|c| c.trim().to_owned()).collect();
+        // A blank line in a table of one column may mean something.
+        return (read.is_ok() && names.len() > 1).then_some(Header { names, line: i as u64 + 1, end });
+    }
+    None
+}
+
+/// The text of a block that holds no quote, else the block.
+fn plain_text(block: Vec<u8>) -> Result<String, Vec<u8>> {
+    match memchr::memchr(b'"', &block) {
+        None => String::from_utf8(block).map_err(std::string::FromUtf8Error::into_bytes),
+        Some(_) => Err(block),
+    }
+}
+
+/// A line and where its cells end.
+struct Cells<'a> {
+    line: &'a str,
+    ends: &'a [usize],
+}
+
+impl Cells<'_> {
+    #[inline]
+    fn get(&self, column: usize) -> &str {
+        let from = if column == 0 { 0 } else { self.ends[column - 1] + 1 };
+        &self.line[from..self.ends[column]]
+    }
+}
+
+impl Row for Cells<'_> {
+    fn cell(&self, column: usize) -> Cell<'_> {
+        Cell::text(self.get(column))
+    }
+
+    #[inline]
+    fn number(&self, column: usize) -> Option<f64> {
+        decimal(self.get(column).as_bytes())
+    }
+
+    #[inline]
+    fn text(&self, column: usize) -> Option<&str> {
+        Some(self.get(column).trim()).filter(|text| !text.is_empty())
+    }
+}
+
+/// Reads lines without quotes; returns how many rows there were.
+fn cut_rows<S: TableSink>(
+    text: &str,
+    first_line: u64,
+    columns: usize,
+    file: &Path,
+    sink: &mut S,
+) -> (u64, Result<(), BuildError>) {
+    let (mut line, mut start, mut rows) = (first_line, 0, 0);
+    let mut ends = Vec::with_capacity(columns);
+    let mut row = |start: usize, end: usize, line: u64, ends: &mut Vec<usize>| {
+        ends.push(end - start);
+        let cells = Cells { line: &text[start..end], ends };
+        let result = if cells.ends.len() == columns {
+            rows += 1;
+            sink.row(line, &cells)
+        } else if cells.ends.len() == 1 && cells.line.trim().is_empty() {
+            Ok(())
+        } else {
+            rows += 1;
+            sink.malformed(wrong_count(file, line, cells.line, cells.ends.len(), columns))
+        };
+        ends.clear();
+        result
+    };
+    let mut result = Ok(());
+    for at in memchr2_iter(b',', b'\n', text.as_bytes()) {
+        if text.as_bytes()[at] == b',' {
+            ends.push(at - start);
+            continue;
+        }
+        result = row(start, at, line, &mut ends);
+        if result.is_err() {
+            break;
+        }
+        (line, start) = (line + 1, at + 1);
+    }
+    if result.is_ok() && start < text.len() {
+        result = row(start, text.len(), line, &mut ends);
+    }
+    (rows, result)
+}
+
+fn wrong_count(file: &Path, line: u64, text: &str, count: usize, columns: usize) -> BuildError {
+    let cells = format!("{count} cell{}", if count == 1 { "" } else { "s" });
+    let what = format!("has {cells} (`{}`), expected {columns} as in the header", clip(text.trim()));
+    BuildError::new(file, Some(line), None, what)
+}
+
+fn no_rows(file: &Path) -> BuildError {
+    BuildError::new(file, None, None, "has a header but no rows, expected at least one")
+}
+
+/// Reads what may hold quotes. The carriage return of a CRLF line is white space at the end of its last cell.
+fn read_rows<S: TableSink>(
+    reader: impl Read,
+    file: &Path,
+    place: Place,
+    sink: &mut S,
+    progress: &mut dyn FnMut(),
+) -> Result<(), BuildError> {
     // With a line feed after the last line too, the reader stands on the line after the record it has just read.
     let mut reader = ReaderBuilder::new()
         .has_headers(false)
         .flexible(true)
         .terminator(Terminator::Any(b'\n'))
         .buffer_capacity(1 << 16)
-        .from_reader(source.reader.chain(&b"\n"[..]));
+        .from_reader(reader.chain(&b"\n"[..]));
     let mut record = StringRecord::new();
 
-    let mut names: Option<Vec<String>> = None;
-    let (mut rows, mut last_line) = (0_u64, 0_u64);
+    let Place { lines: before, mut rows, mut names } = place;
+    let mut last_line = before;
     loop {
         let more = reader.read_record(&mut record);
-        let end = reader.position().line().saturating_sub(1);
+        let end = before + reader.position().line().saturating_sub(1);
         match more {
             Ok(true) => {}
             Ok(false) => break,
@@ -74,22 +306,20 @@ pub(super) fn read<S: TableSink>(source: Source<'_>, sink: &mut S, progress: Pro
         if record.len() == names.len() {
             sink.row(line, &record)?;
         } else {
-            let cells = format!("{} cell{}", record.len(), if record.len() == 1 { "" } else { "s" });
             let text = record.iter().collect::<Vec<_>>().join(",");
-            let what = format!("has {cells} (`{}`), expected {} as in the header", clip(text.trim()), names.len());
-            sink.malformed(BuildError::new(file, Some(line), None, what))?;
+            sink.malformed(wrong_count(file, line, &text, record.len(), names.len()))?;
         }
         if rows.is_multiple_of(PROGRESS_ROWS) {
-            progress(done.get(), total);
+            progress();
         }
     }
     if names.is_none() {
         return Err(BuildError::new(file, None, None, "has no header, expected a line of column names and rows"));
     }
     if rows == 0 {
-        return Err(BuildError::new(file, None, None, "has a header but no rows, expected at least one"));
+        return Err(no_rows(file));
     }
-    progress(done.get(), total);
+    progress();
     Ok(())
 }
 

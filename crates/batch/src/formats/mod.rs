@@ -2,6 +2,8 @@
 
 mod contained;
 mod csv;
+mod decimal;
+mod lines;
 mod ndjson;
 mod parquet;
 
@@ -14,6 +16,17 @@ use fixtrail_track::error::BuildError;
 pub(crate) trait Row {
     /// The cell of a column.
     fn cell(&self, column: usize) -> Cell<'_>;
+
+    /// The finite number in a column, where that is quick to say; `None` says nothing of the cell.
+    fn number(&self, column: usize) -> Option<f64>;
+
+    /// The text in a column, trimmed and not empty, where that is quick to say; `None` says nothing of the cell.
+    fn text(&self, column: usize) -> Option<&str>;
+
+    /// The whole number in a column, where that is quick to say; `None` says nothing of the cell.
+    fn whole(&self, _column: usize) -> Option<i64> {
+        None
+    }
 }
 
 /// Takes a table row by row.
@@ -27,6 +40,18 @@ pub(crate) trait TableSink {
 
     /// Takes the news of a row that has no cells to speak of: the error to return, unless bad rows are skipped.
     fn malformed(&mut self, error: BuildError) -> Result<(), BuildError>;
+}
+
+/// A sink for a part of a table. Parts of one table are filled side by side and put together in order.
+pub(crate) trait Part: TableSink + Send {
+    /// What a part has collected.
+    type Block: Send;
+
+    /// Another part of the same table, with the same columns, that has collected nothing.
+    fn fork(&self) -> Self;
+
+    /// What was collected since the last cut.
+    fn cut(&mut self) -> Self::Block;
 }
 
 /// Bytes done, bytes in all (0 when unknown).
@@ -47,5 +72,66 @@ pub(crate) fn read<S: TableSink>(
         Format::Csv => csv::read(source, sink, progress),
         Format::Ndjson => ndjson::read(source, sink, progress),
         Format::Parquet => parquet::read(source, input, sink, progress),
+    }
+}
+
+/// Reads the whole of `input` in parts, side by side where the format allows it, and hands their blocks to `join` in order. Returns the sink
+/// that knows the columns of the whole table.
+pub(crate) fn read_parts<P: Part>(
+    input: &Input,
+    format: Option<Format>,
+    part: P,
+    join: &mut dyn FnMut(P::Block) -> Result<(), BuildError>,
+    progress: Progress<'_>,
+) -> Result<P, BuildError> {
+    let source = Source::open(input, format)?;
+    let threads = rayon::current_num_threads();
+    match source.format {
+        Format::Csv => csv::read_parts(source, part, threads, join, progress),
+        Format::Ndjson => in_turn(part, join, |sink| ndjson::read(source, sink, progress)),
+        Format::Parquet => in_turn(part, join, |sink| parquet::read(source, input, sink, progress)),
+    }
+}
+
+/// Fills one part after the other.
+fn in_turn<P: Part>(
+    part: P,
+    join: &mut dyn FnMut(P::Block) -> Result<(), BuildError>,
+    read: impl FnOnce(&mut InTurn<'_, P>) -> Result<(), BuildError>,
+) -> Result<P, BuildError> {
+    let mut sink = InTurn { part, rows: 0, join };
+    let result = read(&mut sink);
+    let InTurn { mut part, join, .. } = sink;
+    join(part.cut())?;
+    result.map(|()| part)
+}
+
+/// A sink that hands on what it has every so many rows.
+struct InTurn<'a, P: Part> {
+    part: P,
+    rows: u64,
+    join: &'a mut dyn FnMut(P::Block) -> Result<(), BuildError>,
+}
+
+impl<P: Part> InTurn<'_, P> {
+    fn count(&mut self) -> Result<(), BuildError> {
+        self.rows += 1;
+        if self.rows.is_multiple_of(PROGRESS_ROWS) { (self.join)(self.part.cut()) } else { Ok(()) }
+    }
+}
+
+impl<P: Part> TableSink for InTurn<'_, P> {
+    fn columns(&mut self, names: &[String], extent: Extent) -> Result<Vec<bool>, BuildError> {
+        self.part.columns(names, extent)
+    }
+
+    fn row<R: Row>(&mut self, line: u64, row: &R) -> Result<(), BuildError> {
+        self.part.row(line, row)?;
+        self.count()
+    }
+
+    fn malformed(&mut self, error: BuildError) -> Result<(), BuildError> {
+        self.part.malformed(error)?;
+        self.count()
     }
 }

@@ -26,6 +26,28 @@ impl Row for Keys {
             _ => Cell::Absent,
         }
     }
+
+    fn number(&self, column: usize) -> Option<f64> {
+        match self.cells.get(column) {
+            Some(Some(Cell::Float(x))) => Some(*x),
+            Some(Some(Cell::Int(i))) => Some(*i as f64),
+            _ => None,
+        }
+    }
+
+    fn text(&self, column: usize) -> Option<&str> {
+        match self.cells.get(column) {
+            Some(Some(Cell::Text(text))) => Some(text),
+            _ => None,
+        }
+    }
+
+    fn whole(&self, column: usize) -> Option<i64> {
+        match self.cells.get(column) {
+            Some(Some(Cell::Int(i))) => Some(*i),
+            _ => None,
+        }
+    }
 }
 
 /// Reads every line.

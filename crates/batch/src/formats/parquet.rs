@@ -115,6 +115,35 @@ impl Row for Batch {
     fn cell(&self, column: usize) -> Cell<'_> {
         self.columns.get(column).and_then(Option::as_ref).map_or(Cell::Absent, |c| c.cell(self.row))
     }
+
+    #[inline]
+    fn number(&self, column: usize) -> Option<f64> {
+        let column = self.columns.get(column)?.as_ref()?;
+        match (&column.values, column.place(self.row)?) {
+            (Values::Floats(v), i) => v.get(i).copied().filter(|x| x.is_finite()),
+            (Values::Ints(v), i) if matches!(column.meaning, Meaning::Number) => v.get(i).map(|x| *x as f64),
+            _ => None,
+        }
+    }
+
+    #[inline]
+    fn text(&self, column: usize) -> Option<&str> {
+        let column = self.columns.get(column)?.as_ref()?;
+        match &column.values {
+            Values::Texts(v) => std::str::from_utf8(v.get(column.place(self.row)?)?.data()).ok().map(str::trim),
+            _ => None,
+        }
+        .filter(|text| !text.is_empty())
+    }
+
+    #[inline]
+    fn whole(&self, column: usize) -> Option<i64> {
+        let column = self.columns.get(column)?.as_ref()?;
+        match (&column.values, column.meaning) {
+            (Values::Ints(v), Meaning::Number) => v.get(column.place(self.row)?).copied(),
+            _ => None,
+        }
+    }
 }
 
 /// What the integers of a column count.
@@ -216,8 +245,14 @@ impl Column {
         Ok(read)
     }
 
+    /// Where the value of a row stands among those present.
+    #[inline]
+    fn place(&self, row: usize) -> Option<usize> {
+        self.places.get(row).copied().flatten()
+    }
+
     fn cell(&self, row: usize) -> Cell<'_> {
-        let Some(Some(i)) = self.places.get(row).copied() else { return Cell::Absent };
+        let Some(i) = self.place(row) else { return Cell::Absent };
         match (self.meaning, &self.values) {
             (Meaning::Other(what), _) => Cell::Other(what),
             (Meaning::Instant(unit_ns), Values::Ints(v)) => match v.get(i).and_then(|x| x.checked_mul(unit_ns)) {

@@ -1,13 +1,13 @@
 //! The columns of a trail table, and the cells of a row.
 
-use super::{Job, WriteError};
+use super::WriteError;
 use crate::table::TableMeta;
 use crate::time::{self, TimeForm};
-use fixtrail_track::fix::Status;
-use fixtrail_track::geo;
+use fixtrail_track::geo::{self, Origin};
 use fixtrail_track::layout::Layout;
 use fixtrail_track::target::TargetTrail;
 use fixtrail_track::trail::Trail;
+use std::path::Path;
 
 /// What the cells of a column are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,172 +29,215 @@ pub(super) enum OutCell<'a> {
     Date(i64),
 }
 
-/// The columns of a trail table in order.
+/// Where the cells of a column come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Source {
+    Target,
+    Index,
+    Time,
+    /// Latitude, longitude or height.
+    Geodetic(usize),
+    Mean(usize),
+    Sd(usize),
+    Cov(usize),
+    Status,
+    Nis,
+    LagIndex,
+    LagTime,
+    LagMean(usize),
+    LagSd(usize),
+    LagCov(usize),
+    LagStatus,
+}
+
+/// A column.
+pub(super) struct Column {
+    pub name: String,
+    pub kind: ColumnKind,
+    pub source: Source,
+}
+
+/// The columns of a trail table in order, and what their cells depend on besides the trail.
 pub(super) struct Columns {
-    pub names: Vec<String>,
-    pub kinds: Vec<ColumnKind>,
-    has_lagged: bool,
-    has_covariance: bool,
+    pub list: Vec<Column>,
+    n: usize,
+    axes: usize,
+    is_linear: bool,
+    meta: TableMeta,
+    has_geodetic: bool,
 }
 
 impl Columns {
     pub fn new(layout: &Layout, meta: &TableMeta, has_lagged: bool, has_covariance: bool) -> Columns {
-        let mut columns = Columns { names: Vec::new(), kinds: Vec::new(), has_lagged, has_covariance };
-        match layout.is_linear() {
-            true => columns.name_linear(layout, meta),
-            false => columns.name_kinematic(layout, meta),
+        let is_linear = layout.is_linear();
+        let has_geodetic = !is_linear && meta.origin.is_some() && layout.axes >= 2;
+        let (n, axes) = (layout.n(), layout.axes);
+        let mut columns = Columns { list: Vec::new(), n, axes, is_linear, meta: *meta, has_geodetic };
+        let lagged = if has_lagged { Some(has_covariance) } else { None };
+        match is_linear {
+            true => columns.add_linear(layout, has_covariance, lagged),
+            false => columns.add_kinematic(layout, has_covariance, lagged),
         }
         columns
     }
 
-    fn add(&mut self, name: impl Into<String>, kind: ColumnKind) {
-        self.names.push(name.into());
-        self.kinds.push(kind);
+    pub fn names(&self) -> Vec<String> {
+        self.list.iter().map(|c| c.name.clone()).collect()
     }
 
-    fn add_packed(&mut self, prefix: &str, n: usize) {
-        for i in 1..=n {
-            for j in i..=n {
-                self.add(format!("{prefix}_{i}_{j}"), ColumnKind::Float);
+    pub fn kinds(&self) -> Vec<ColumnKind> {
+        self.list.iter().map(|c| c.kind).collect()
+    }
+
+    fn add(&mut self, name: impl Into<String>, kind: ColumnKind, source: Source) {
+        self.list.push(Column { name: name.into(), kind, source });
+    }
+
+    fn add_packed(&mut self, prefix: &str, source: fn(usize) -> Source) {
+        let mut place = 0;
+        for i in 1..=self.n {
+            for j in i..=self.n {
+                self.add(format!("{prefix}_{i}_{j}"), ColumnKind::Float, source(place));
+                place += 1;
             }
         }
     }
 
-    fn name_kinematic(&mut self, layout: &Layout, meta: &TableMeta) {
-        let time = time_kind(meta);
-        self.add("target", ColumnKind::Text);
-        self.add("t", time);
-        if meta.origin.is_some() && layout.axes >= 2 {
-            let geodetic = ["lat", "lon", "alt"];
-            geodetic.iter().take(layout.axes).for_each(|name| self.add(*name, ColumnKind::Float));
+    fn add_states(&mut self, names: impl Iterator<Item = String>, source: fn(usize) -> Source) {
+        for (i, name) in names.enumerate() {
+            self.add(name, ColumnKind::Float, source(i));
         }
-        layout.names.iter().for_each(|name| self.add(name.as_str(), ColumnKind::Float));
-        layout.names.iter().for_each(|name| self.add(format!("sd_{name}"), ColumnKind::Float));
-        self.add("status", ColumnKind::Text);
-        self.add("nis", ColumnKind::Float);
-        if self.has_covariance {
-            self.add_packed("p", layout.n());
+    }
+
+    fn add_kinematic(&mut self, layout: &Layout, has_covariance: bool, lagged: Option<bool>) {
+        let time = time_kind(&self.meta);
+        let names = || layout.names.iter();
+        self.add("target", ColumnKind::Text, Source::Target);
+        self.add("t", time, Source::Time);
+        if self.has_geodetic {
+            let geodetic = ["lat", "lon", "alt"].into_iter().take(layout.axes).map(str::to_owned);
+            self.add_states(geodetic, Source::Geodetic);
         }
-        if self.has_lagged {
-            self.add("t_lag", time);
-            layout.names.iter().for_each(|name| self.add(format!("{name}_lag"), ColumnKind::Float));
-            layout.names.iter().for_each(|name| self.add(format!("sd_{name}_lag"), ColumnKind::Float));
-            self.add("lag_status", ColumnKind::Text);
-            if self.has_covariance {
-                self.add_packed("ps", layout.n());
+        self.add_states(names().cloned(), Source::Mean);
+        self.add_states(names().map(|name| format!("sd_{name}")), Source::Sd);
+        self.add("status", ColumnKind::Text, Source::Status);
+        self.add("nis", ColumnKind::Float, Source::Nis);
+        if has_covariance {
+            self.add_packed("p", Source::Cov);
+        }
+        if let Some(has_covariance) = lagged {
+            self.add("t_lag", time, Source::LagTime);
+            self.add_states(names().map(|name| format!("{name}_lag")), Source::LagMean);
+            self.add_states(names().map(|name| format!("sd_{name}_lag")), Source::LagSd);
+            self.add("lag_status", ColumnKind::Text, Source::LagStatus);
+            if has_covariance {
+                self.add_packed("ps", Source::LagCov);
             }
         }
     }
 
-    fn name_linear(&mut self, layout: &Layout, meta: &TableMeta) {
-        if meta.has_target {
-            self.add("target", ColumnKind::Text);
+    fn add_linear(&mut self, layout: &Layout, has_covariance: bool, lagged: Option<bool>) {
+        if self.meta.has_target {
+            self.add("target", ColumnKind::Text, Source::Target);
         }
-        self.add("k", ColumnKind::Index);
-        self.add("t", time_kind(meta));
-        layout.names.iter().for_each(|name| self.add(name.as_str(), ColumnKind::Float));
-        self.add("status", ColumnKind::Text);
-        self.add("nis", ColumnKind::Float);
-        if self.has_covariance {
-            self.add_packed("p", layout.n());
+        self.add("k", ColumnKind::Index, Source::Index);
+        self.add("t", time_kind(&self.meta), Source::Time);
+        self.add_states(layout.names.iter().cloned(), Source::Mean);
+        self.add("status", ColumnKind::Text, Source::Status);
+        self.add("nis", ColumnKind::Float, Source::Nis);
+        if has_covariance {
+            self.add_packed("p", Source::Cov);
         }
-        if self.has_lagged {
-            self.add("lag_k", ColumnKind::Index);
-            (1..=layout.n()).for_each(|i| self.add(format!("s{i}"), ColumnKind::Float));
-            if self.has_covariance {
-                self.add_packed("ps", layout.n());
+        if let Some(has_covariance) = lagged {
+            self.add("lag_k", ColumnKind::Index, Source::LagIndex);
+            self.add_states((1..=self.n).map(|i| format!("s{i}")), Source::LagMean);
+            if has_covariance {
+                self.add_packed("ps", Source::LagCov);
             }
-            self.add("lag_status", ColumnKind::Text);
+            self.add("lag_status", ColumnKind::Text, Source::LagStatus);
         }
     }
 
     /// Puts the cells of a row into `cells`, in the order of the columns.
     pub fn fill<'a>(
         &self,
-        job: &Job<'_>,
+        file: &Path,
         target: &'a TargetTrail,
         row: usize,
         cells: &mut Vec<OutCell<'a>>,
     ) -> Result<(), WriteError> {
         cells.clear();
-        match job.layout.is_linear() {
-            true => self.fill_linear(job, target, row, cells),
-            false => self.fill_kinematic(job, target, row, cells),
+        let geodetic = self.geodetic(target, row);
+        for column in &self.list {
+            cells.push(match column.source {
+                Source::Geodetic(i) => float(geodetic.map(|g| g[i])),
+                source => self.cell(source, target, row),
+            });
         }
-        debug_assert_eq!(cells.len(), self.names.len());
         match cells.iter().position(|c| matches!(c, OutCell::Float(x) if !x.is_finite())) {
             None => Ok(()),
-            Some(i) => Err(WriteError::NotFinite {
-                file: job.file.to_owned(),
-                target: target.target.clone(),
-                t: target.trail.t_s[row].map_or("-".to_owned(), |t_s| job.meta.time.text(t_s)),
-                column: self.names[i].clone(),
-            }),
+            Some(i) => Err(self.not_finite(file, &self.list[i], target, row)),
         }
     }
 
-    fn fill_kinematic<'a>(&self, job: &Job<'_>, target: &'a TargetTrail, row: usize, cells: &mut Vec<OutCell<'a>>) {
-        let (trail, n) = (&target.trail, job.layout.n());
-        let (mean, cov) = (trail.mean(row), trail.cov(row));
-        cells.push(target.target.as_deref().map_or(OutCell::Absent, OutCell::Text));
-        cells.push(time_cell(&job.meta, trail.t_s[row]));
-        if job.meta.origin.is_some() && job.layout.axes >= 2 {
-            let geodetic = mean.and_then(|mean| geodetic(job, mean));
-            cells.extend((0..job.layout.axes).map(|i| geodetic.map_or(OutCell::Absent, |g| OutCell::Float(g[i]))));
-        }
-        push_floats(cells, mean, n);
-        push_sds(cells, cov, n);
-        cells.push(OutCell::Text(trail.status[row].name()));
-        cells.push(trail.nis[row].map_or(OutCell::Absent, OutCell::Float));
-        if self.has_covariance {
-            push_floats(cells, cov, Trail::packed_len(n));
-        }
-        if self.has_lagged {
-            let lagged = trail.lagged(row);
-            let columns = trail.lagged.as_ref();
-            cells.push(time_cell(&job.meta, columns.and_then(|l| l.t_s[row])));
-            push_floats(cells, lagged.map(|l| l.0), n);
-            push_sds(cells, lagged.map(|l| l.1), n);
-            cells.push(status_cell(columns.and_then(|l| l.status[row])));
-            if self.has_covariance {
-                push_floats(cells, lagged.map(|l| l.1), Trail::packed_len(n));
-            }
+    pub fn not_finite(&self, file: &Path, column: &Column, target: &TargetTrail, row: usize) -> WriteError {
+        WriteError::NotFinite {
+            file: file.to_owned(),
+            target: target.target.clone(),
+            t: target.trail.t_s[row].map_or("-".to_owned(), |t_s| self.meta.time.text(t_s)),
+            column: column.name.clone(),
         }
     }
 
-    fn fill_linear<'a>(&self, job: &Job<'_>, target: &'a TargetTrail, row: usize, cells: &mut Vec<OutCell<'a>>) {
-        let (trail, n) = (&target.trail, job.layout.n());
-        if job.meta.has_target {
-            cells.push(target.target.as_deref().map_or(OutCell::Absent, OutCell::Text));
+    /// Latitude, longitude and height of a row, where they are asked for.
+    fn geodetic(&self, target: &TargetTrail, row: usize) -> Option<[f64; 3]> {
+        if !self.has_geodetic {
+            return None;
         }
-        cells.push(OutCell::Index(trail.k[row]));
-        cells.push(match job.meta.time {
-            TimeForm::Index => OutCell::Float(trail.k[row] as f64),
-            _ => time_cell(&job.meta, trail.t_s[row]),
-        });
-        push_floats(cells, trail.mean(row), n);
-        cells.push(OutCell::Text(trail.status[row].name()));
-        cells.push(trail.nis[row].map_or(OutCell::Absent, OutCell::Float));
-        if self.has_covariance {
-            push_floats(cells, trail.cov(row), Trail::packed_len(n));
-        }
-        if self.has_lagged {
-            let lagged = trail.lagged(row);
-            let columns = trail.lagged.as_ref();
-            cells.push(columns.and_then(|l| l.k[row]).map_or(OutCell::Absent, OutCell::Index));
-            push_floats(cells, lagged.map(|l| l.0), n);
-            if self.has_covariance {
-                push_floats(cells, lagged.map(|l| l.1), Trail::packed_len(n));
+        geodetic(self.meta.origin.as_ref(), self.axes, target.trail.mean(row)?)
+    }
+
+    /// One cell.
+    pub fn cell<'a>(&self, source: Source, target: &'a TargetTrail, row: usize) -> OutCell<'a> {
+        let trail = &target.trail;
+        let lagged = || trail.lagged.as_ref();
+        match source {
+            Source::Target => target.target.as_deref().map_or(OutCell::Absent, OutCell::Text),
+            Source::Index => OutCell::Index(trail.k[row]),
+            Source::Time if self.is_linear && self.meta.time == TimeForm::Index => OutCell::Float(trail.k[row] as f64),
+            Source::Time => time_cell(&self.meta, trail.t_s[row]),
+            Source::Geodetic(i) => float(self.geodetic(target, row).map(|g| g[i])),
+            Source::Mean(i) => float(trail.mean(row).map(|mean| mean[i])),
+            Source::Sd(i) => float(trail.cov(row).map(|cov| sd(cov, self.n, i))),
+            Source::Cov(i) => float(trail.cov(row).map(|cov| cov[i])),
+            Source::Status => OutCell::Text(trail.status[row].name()),
+            Source::Nis => float(trail.nis[row]),
+            Source::LagIndex => lagged().and_then(|l| l.k[row]).map_or(OutCell::Absent, OutCell::Index),
+            Source::LagTime => time_cell(&self.meta, lagged().and_then(|l| l.t_s[row])),
+            Source::LagMean(i) => float(trail.lagged(row).map(|(mean, _)| mean[i])),
+            Source::LagSd(i) => float(trail.lagged(row).map(|(_, cov)| sd(cov, self.n, i))),
+            Source::LagCov(i) => float(trail.lagged(row).map(|(_, cov)| cov[i])),
+            Source::LagStatus => {
+                lagged().and_then(|l| l.status[row]).map_or(OutCell::Absent, |s| OutCell::Text(s.name()))
             }
-            cells.push(status_cell(columns.and_then(|l| l.status[row])));
         }
     }
 }
 
+fn float<'a>(value: Option<f64>) -> OutCell<'a> {
+    value.map_or(OutCell::Absent, OutCell::Float)
+}
+
+/// A standard deviation out of a packed covariance; that of a variance that rounding has made negative is 0.
+fn sd(packed: &[f64], n: usize, i: usize) -> f64 {
+    let var = packed[Trail::packed_index(n, i, i)];
+    if var < 0.0 { 0.0 } else { var.sqrt() }
+}
+
 /// Latitude, longitude and height of a state; in the plane at the height of the origin.
-pub(super) fn geodetic(job: &Job<'_>, mean: &[f64]) -> Option<[f64; 3]> {
-    let origin = job.meta.origin.as_ref()?;
-    match job.layout.axes {
+pub(super) fn geodetic(origin: Option<&Origin>, axes: usize, mean: &[f64]) -> Option<[f64; 3]> {
+    let origin = origin?;
+    match axes {
         2 => {
             let (lat, lon) = geo::wgs84_on_level(origin, mean[0], mean[1]);
             Some([lat, lon, origin.alt_m])
@@ -219,29 +262,5 @@ fn time_cell<'a>(meta: &TableMeta, t_s: Option<f64>) -> OutCell<'a> {
         (None, _) => OutCell::Absent,
         (Some(t_s), TimeForm::Rfc3339 { epoch_unix_s, .. }) => OutCell::Date(time::unix_ns(t_s, epoch_unix_s)),
         (Some(t_s), _) => OutCell::Float(t_s),
-    }
-}
-
-fn status_cell<'a>(status: Option<Status>) -> OutCell<'a> {
-    status.map_or(OutCell::Absent, |s| OutCell::Text(s.name()))
-}
-
-fn push_floats(cells: &mut Vec<OutCell<'_>>, values: Option<&[f64]>, len: usize) {
-    match values {
-        Some(values) => cells.extend(values.iter().map(|x| OutCell::Float(*x))),
-        None => cells.extend((0..len).map(|_| OutCell::Absent)),
-    }
-}
-
-/// Standard deviations; a variance that rounding has made negative is 0.
-fn push_sds(cells: &mut Vec<OutCell<'_>>, packed: Option<&[f64]>, n: usize) {
-    for i in 0..n {
-        cells.push(match packed {
-            Some(p) => {
-                let var = p[Trail::packed_index(n, i, i)];
-                OutCell::Float(if var < 0.0 { 0.0 } else { var.sqrt() })
-            }
-            None => OutCell::Absent,
-        });
     }
 }

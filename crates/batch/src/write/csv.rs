@@ -1,44 +1,61 @@
 //! A trail as CSV.
 
 use super::columns::OutCell;
-use super::{Job, To, WriteError};
-use crate::time::{self, TimeForm};
+use super::{Encoder, Piece, WriteError};
+use crate::time;
 
-pub(super) fn write(job: &Job<'_>, to: To<'_>) -> Result<(), WriteError> {
-    let columns = job.columns();
-    let failed = |e: csv::Error| match e.into_kind() {
-        csv::ErrorKind::Io(e) => job.io(e),
-        other => job.io(std::io::Error::other(format!("{other:?}"))),
-    };
-    let offset_s = match job.meta.time {
-        TimeForm::Rfc3339 { offset_s, .. } => offset_s,
-        TimeForm::Seconds | TimeForm::Index => 0,
-    };
-    let mut csv = csv::Writer::from_writer(to);
-    csv.write_record(&columns.names).map_err(failed)?;
-    let (mut cells, mut float) = (Vec::new(), ryu::Buffer::new());
-    job.rows(|target, row| {
-        columns.fill(job, target, row, &mut cells)?;
-        write_cells(&mut csv, &cells, &mut float, offset_s).map_err(failed)
+pub(super) fn encode(encoder: &Encoder<'_>, pieces: &[Piece<'_>]) -> Result<Vec<u8>, WriteError> {
+    let (mut out, mut float) = (Vec::new(), ryu::Buffer::new());
+    let offset_s = encoder.offset_s();
+    encoder.rows(pieces, |cells| {
+        write_cells(&mut out, cells, &mut float, offset_s);
+        Ok(())
     })?;
-    csv.flush().map_err(|e| job.io(e))
+    Ok(out)
 }
 
-/// Writes one row.
-pub(super) fn write_cells(
-    csv: &mut csv::Writer<To<'_>>,
-    cells: &[OutCell<'_>],
-    float: &mut ryu::Buffer,
-    offset_s: i32,
-) -> csv::Result<()> {
-    for cell in cells {
+/// The line of column names.
+pub(super) fn header(names: &[String]) -> Vec<u8> {
+    let cells: Vec<OutCell<'_>> = names.iter().map(|name| OutCell::Text(name)).collect();
+    let mut out = Vec::new();
+    write_cells(&mut out, &cells, &mut ryu::Buffer::new(), 0);
+    out
+}
+
+/// Appends one row.
+pub(super) fn write_cells(out: &mut Vec<u8>, cells: &[OutCell<'_>], float: &mut ryu::Buffer, offset_s: i32) {
+    for (i, cell) in cells.iter().enumerate() {
+        if i > 0 {
+            out.push(b',');
+        }
         match cell {
-            OutCell::Absent => csv.write_field(""),
-            OutCell::Float(x) => csv.write_field(float.format_finite(*x)),
-            OutCell::Text(text) => csv.write_field(text),
-            OutCell::Index(k) => csv.write_field(k.to_string()),
-            OutCell::Date(ns) => csv.write_field(time::utc_text(*ns, offset_s)),
-        }?;
+            OutCell::Absent => {}
+            OutCell::Float(x) => out.extend_from_slice(float.format_finite(*x).as_bytes()),
+            OutCell::Text(text) => write_text(out, text, cells.len() == 1),
+            OutCell::Index(k) => out.extend_from_slice(k.to_string().as_bytes()),
+            OutCell::Date(ns) => out.extend_from_slice(time::utc_text(*ns, offset_s).as_bytes()),
+        }
     }
-    csv.write_record(None::<&[u8]>)
+    if let [OutCell::Absent] = cells {
+        // A line of nothing would be no row.
+        out.extend_from_slice(b"\"\"");
+    }
+    out.push(b'\n');
+}
+
+/// Appends text, in quotes where a reader needs them.
+fn write_text(out: &mut Vec<u8>, text: &str, is_alone: bool) {
+    let needs_quotes = text.bytes().any(|b| matches!(b, b',' | b'"' | b'\n' | b'\r')) || is_alone && text.is_empty();
+    if !needs_quotes {
+        out.extend_from_slice(text.as_bytes());
+        return;
+    }
+    out.push(b'"');
+    for byte in text.bytes() {
+        if byte == b'"' {
+            out.push(b'"');
+        }
+        out.push(byte);
+    }
+    out.push(b'"');
 }

@@ -5,16 +5,19 @@ mod csv;
 mod geojson;
 mod ndjson;
 mod parquet;
-mod place;
+pub(crate) mod place;
 mod plain;
 
 pub use plain::{Cell, Holds, Plain, write_plain};
 
+use crate::ordered::ordered;
 use crate::table::TableMeta;
-use columns::Columns;
+use crate::time::TimeForm;
+use columns::{Columns, OutCell};
 use fixtrail_track::layout::Layout;
 use fixtrail_track::target::TargetTrail;
 use std::io::{self, Write};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// Where a trail goes.
@@ -152,43 +155,142 @@ pub fn write_trails(
     table: impl Into<TableMeta>,
     options: &WriteOptions,
 ) -> Result<(), WriteError> {
-    let meta = table.into();
-    let job = Job { file: output.name(), trails, layout, meta, options };
-    let unsupported = |what: &str| WriteError::Unsupported { file: job.file.to_owned(), what: what.to_owned() };
-    if options.format == OutFormat::GeoJson {
-        if layout.is_linear() {
-            return Err(unsupported(
-                "is `.geojson`, a linear model has no positions: expected `.csv`, `.parquet` or `.ndjson`",
-            ));
-        }
-        if layout.axes < 2 {
-            return Err(unsupported("is `.geojson`, which needs two axes: expected `.csv`, `.parquet` or `.ndjson`"));
-        }
-        if meta.origin.is_none() {
-            return Err(unsupported("is `.geojson`, which needs positions in `lat`, `lon`: these are in local metres"));
-        }
-    }
-    place::write(output, |to| match options.format {
-        OutFormat::Csv => csv::write(&job, to),
-        OutFormat::Ndjson => ndjson::write(&job, to),
-        OutFormat::Parquet => parquet::write(&job, to),
-        OutFormat::GeoJson => geojson::write(&job, to),
+    let has_lagged = trails.iter().any(|t| t.trail.lagged.is_some());
+    let encoder = Encoder::new(output.name(), layout, table.into(), has_lagged, options)?;
+    let mut by_target: Vec<&TargetTrail> = trails.iter().collect();
+    by_target.sort_by(|a, b| a.target.cmp(&b.target));
+    let pieces = match options.order {
+        _ if options.format == OutFormat::GeoJson => by_target.into_iter().map(Piece::whole).collect(),
+        Order::Target => by_target.into_iter().flat_map(Piece::cut).collect(),
+        Order::Time => by_time(&by_target, layout),
+    };
+    place::write(output, |to| {
+        let mut sheet = Sheet::start(&encoder, to)?;
+        let mut groups = groups(&pieces);
+        let next = || Ok(groups.next());
+        let work = |(): &mut (), group: &[Piece<'_>]| encoder.encode(group);
+        ordered(rayon::current_num_threads(), || (), next, work, |encoded| sheet.append(encoded?))?;
+        sheet.finish()
     })
 }
 
-/// What is to be written.
-struct Job<'a> {
-    file: &'a Path,
-    trails: &'a [TargetTrail],
-    layout: &'a Layout,
-    meta: TableMeta,
-    options: &'a WriteOptions,
+/// Rows of a trail.
+#[derive(Clone)]
+pub(crate) struct Piece<'a> {
+    pub target: &'a TargetTrail,
+    pub rows: Range<usize>,
 }
 
-impl<'a> Job<'a> {
-    fn columns(&self) -> Columns {
-        let has_lagged = self.trails.iter().any(|t| t.trail.lagged.is_some());
-        Columns::new(self.layout, &self.meta, has_lagged, self.options.covariance)
+impl<'a> Piece<'a> {
+    /// All rows.
+    pub fn whole(target: &'a TargetTrail) -> Piece<'a> {
+        Piece { target, rows: 0..target.trail.len() }
+    }
+
+    /// All rows in pieces no longer than a group.
+    pub fn cut(target: &'a TargetTrail) -> impl Iterator<Item = Piece<'a>> {
+        let n = target.trail.len();
+        (0..n).step_by(GROUP_ROWS).map(move |start| Piece { target, rows: start..n.min(start + GROUP_ROWS) })
+    }
+}
+
+/// Rows that are encoded together, about: a row group of a Parquet file.
+pub(crate) const GROUP_ROWS: usize = 1 << 16;
+
+/// Pieces in groups, in their order.
+fn groups<'p, 'a>(pieces: &'p [Piece<'a>]) -> impl Iterator<Item = &'p [Piece<'a>]> {
+    let mut rest = pieces;
+    std::iter::from_fn(move || {
+        let mut rows = 0;
+        let take = rest.iter().take_while(|piece| {
+            let has_room = rows < GROUP_ROWS;
+            rows += piece.rows.len();
+            has_room
+        });
+        let (group, others) = rest.split_at(take.count());
+        rest = others;
+        (!group.is_empty()).then_some(group)
+    })
+}
+
+/// Every row as a piece, in order of time, then target.
+fn by_time<'a>(by_target: &[&'a TargetTrail], layout: &Layout) -> Vec<Piece<'a>> {
+    let mut lines = Vec::new();
+    for target in by_target {
+        let trail = &target.trail;
+        for row in 0..trail.len() {
+            let time = trail.t_s[row].filter(|_| !layout.is_linear()).unwrap_or(trail.k[row] as f64);
+            lines.push((time, Piece { target, rows: row..row + 1 }));
+        }
+    }
+    // Stable, so that targets of one instant stay in their order.
+    lines.sort_by(|a, b| a.0.total_cmp(&b.0));
+    lines.into_iter().map(|(_, piece)| piece).collect()
+}
+
+/// Turns rows into bytes of the output; the same for all parts of it.
+pub(crate) struct Encoder<'a> {
+    file: &'a Path,
+    columns: Columns,
+    meta: TableMeta,
+    axes: usize,
+    format: OutFormat,
+    /// Schema and properties of a Parquet file.
+    parquet: Option<parquet::Form>,
+}
+
+/// A part of an output.
+pub(crate) enum Encoded {
+    Text(Vec<u8>),
+    Group(parquet::Group),
+}
+
+impl<'a> Encoder<'a> {
+    /// An encoder of trails of one layout.
+    ///
+    /// # Errors
+    /// [`WriteError::Unsupported`] when the format cannot hold them.
+    pub fn new(
+        file: &'a Path,
+        layout: &Layout,
+        meta: TableMeta,
+        has_lagged: bool,
+        options: &WriteOptions,
+    ) -> Result<Encoder<'a>, WriteError> {
+        let unsupported = |what: &str| Err(WriteError::Unsupported { file: file.to_owned(), what: what.to_owned() });
+        if options.format == OutFormat::GeoJson {
+            if layout.is_linear() {
+                return unsupported(
+                    "is `.geojson`, a linear model has no positions: expected `.csv`, `.parquet` or `.ndjson`",
+                );
+            }
+            if layout.axes < 2 {
+                return unsupported("is `.geojson`, which needs two axes: expected `.csv`, `.parquet` or `.ndjson`");
+            }
+            if meta.origin.is_none() {
+                return unsupported("is `.geojson`, which needs positions in `lat`, `lon`: these are in local metres");
+            }
+        }
+        let columns = Columns::new(layout, &meta, has_lagged, options.covariance);
+        let mut encoder = Encoder { file, columns, meta, axes: layout.axes, format: options.format, parquet: None };
+        if options.format == OutFormat::Parquet {
+            let form = parquet::Form::of_trails(&encoder.columns, &meta);
+            encoder.parquet = Some(form.map_err(|e| encoder.io(parquet::into_io(e)))?);
+        }
+        Ok(encoder)
+    }
+
+    /// The bytes of some rows.
+    ///
+    /// # Errors
+    /// [`WriteError::NotFinite`].
+    pub fn encode(&self, pieces: &[Piece<'_>]) -> Result<Encoded, WriteError> {
+        Ok(match self.format {
+            OutFormat::Csv => Encoded::Text(csv::encode(self, pieces)?),
+            OutFormat::Ndjson => Encoded::Text(ndjson::encode(self, pieces)?),
+            OutFormat::GeoJson => Encoded::Text(geojson::encode(self, pieces)?),
+            OutFormat::Parquet => Encoded::Group(parquet::encode(self, pieces)?),
+        })
     }
 
     /// An error of the system on this output.
@@ -196,34 +298,103 @@ impl<'a> Job<'a> {
         io_error(self.file, source)
     }
 
-    /// Positions of trails in order of their ids.
-    fn by_target(&self) -> Vec<usize> {
-        let mut order: Vec<usize> = (0..self.trails.len()).collect();
-        order.sort_by(|a, b| self.trails[*a].target.cmp(&self.trails[*b].target));
-        order
+    /// Calls `take` with the cells of each row.
+    fn rows(
+        &self,
+        pieces: &[Piece<'_>],
+        mut take: impl FnMut(&[OutCell<'_>]) -> Result<(), WriteError>,
+    ) -> Result<(), WriteError> {
+        let mut cells = Vec::with_capacity(self.columns.list.len());
+        for piece in pieces {
+            for row in piece.rows.clone() {
+                self.columns.fill(self.file, piece.target, row, &mut cells)?;
+                take(&cells)?;
+            }
+        }
+        Ok(())
     }
 
-    /// Calls `take` with the trail and row of each line of the output, in order.
-    fn rows(&self, mut take: impl FnMut(&'a TargetTrail, usize) -> Result<(), WriteError>) -> Result<(), WriteError> {
-        let targets = self.by_target();
-        if self.options.order == Order::Target {
-            for &i in &targets {
-                let target = &self.trails[i];
-                (0..target.trail.len()).try_for_each(|row| take(target, row))?;
-            }
-            return Ok(());
+    /// The offset from UTC in which dates are written as text.
+    fn offset_s(&self) -> i32 {
+        match self.meta.time {
+            TimeForm::Rfc3339 { offset_s, .. } => offset_s,
+            TimeForm::Seconds | TimeForm::Index => 0,
         }
-        let mut lines = Vec::new();
-        for &i in &targets {
-            let trail = &self.trails[i].trail;
-            for row in 0..trail.len() {
-                let time = trail.t_s[row].filter(|_| !self.layout.is_linear()).unwrap_or(trail.k[row] as f64);
-                lines.push((time, i, row));
+    }
+}
+
+/// An output that is being written.
+pub(crate) struct Sheet<'e, 't> {
+    encoder: &'e Encoder<'e>,
+    to: Out<'t>,
+    parts: u64,
+}
+
+enum Out<'t> {
+    Text(To<'t>),
+    Table(parquet::Table<'t>),
+}
+
+impl<'e, 't> Sheet<'e, 't> {
+    /// Writes what stands before the first row.
+    ///
+    /// # Errors
+    /// [`WriteError`].
+    pub fn start(encoder: &'e Encoder<'e>, to: To<'t>) -> Result<Sheet<'e, 't>, WriteError> {
+        let to = match (&encoder.parquet, encoder.format) {
+            (Some(form), _) => {
+                Out::Table(parquet::Table::start(form, to).map_err(|e| encoder.io(parquet::into_io(e)))?)
             }
+            (None, format) => {
+                let head = match format {
+                    OutFormat::Csv => csv::header(&encoder.columns.names()),
+                    OutFormat::GeoJson => geojson::HEAD.to_vec(),
+                    OutFormat::Ndjson | OutFormat::Parquet => Vec::new(),
+                };
+                to.write_all(&head).map_err(|e| encoder.io(e))?;
+                Out::Text(to)
+            }
+        };
+        Ok(Sheet { encoder, to, parts: 0 })
+    }
+
+    /// Writes the next rows.
+    ///
+    /// # Errors
+    /// [`WriteError`].
+    pub fn append(&mut self, part: Encoded) -> Result<(), WriteError> {
+        let encoder = self.encoder;
+        match (&mut self.to, part) {
+            (Out::Text(to), Encoded::Text(bytes)) => {
+                // Features of GeoJSON stand in a list.
+                let bytes = match encoder.format {
+                    OutFormat::GeoJson if self.parts == 0 => bytes.strip_prefix(b",").unwrap_or(&bytes),
+                    _ => &bytes,
+                };
+                to.write_all(bytes).map_err(|e| encoder.io(e))?;
+            }
+            (Out::Table(table), Encoded::Group(group)) => {
+                table.append(group).map_err(|e| encoder.io(parquet::into_io(e)))?;
+            }
+            _ => return Err(encoder.io(io::Error::other("a part of another format"))),
         }
-        // Stable, so that targets of one instant stay in their order.
-        lines.sort_by(|a, b| a.0.total_cmp(&b.0));
-        lines.iter().try_for_each(|&(_, i, row)| take(&self.trails[i], row))
+        self.parts += 1;
+        Ok(())
+    }
+
+    /// Writes what stands after the last row.
+    ///
+    /// # Errors
+    /// [`WriteError`].
+    pub fn finish(self) -> Result<(), WriteError> {
+        let encoder = self.encoder;
+        match self.to {
+            Out::Text(to) if encoder.format == OutFormat::GeoJson => {
+                to.write_all(geojson::FOOT).map_err(|e| encoder.io(e))
+            }
+            Out::Text(_) => Ok(()),
+            Out::Table(table) => table.finish().map_err(|e| encoder.io(parquet::into_io(e))),
+        }
     }
 }
 

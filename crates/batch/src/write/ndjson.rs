@@ -1,25 +1,21 @@
 //! A trail as one JSON object per line.
 
 use super::columns::OutCell;
-use super::{Job, To, WriteError};
-use crate::time::{self, TimeForm};
-use std::io::{self, Write};
+use super::{Encoder, Piece, WriteError};
+use crate::time;
 
-pub(super) fn write(job: &Job<'_>, to: To<'_>) -> Result<(), WriteError> {
-    let columns = job.columns();
-    let offset_s = match job.meta.time {
-        TimeForm::Rfc3339 { offset_s, .. } => offset_s,
-        TimeForm::Seconds | TimeForm::Index => 0,
-    };
-    let keys = keys(&columns.names);
-    let mut cells = Vec::new();
-    job.rows(|target, row| {
-        columns.fill(job, target, row, &mut cells)?;
-        for (key, cell) in keys.iter().zip(&cells) {
-            to.write_all(key.as_bytes()).and_then(|()| write_cell(to, cell, offset_s)).map_err(|e| job.io(e))?;
+pub(super) fn encode(encoder: &Encoder<'_>, pieces: &[Piece<'_>]) -> Result<Vec<u8>, WriteError> {
+    let (keys, offset_s) = (keys(&encoder.columns.names()), encoder.offset_s());
+    let mut out = Vec::new();
+    encoder.rows(pieces, |cells| {
+        for (key, cell) in keys.iter().zip(cells) {
+            out.extend_from_slice(key.as_bytes());
+            write_cell(&mut out, cell, offset_s);
         }
-        to.write_all(b"}\n").map_err(|e| job.io(e))
-    })
+        out.extend_from_slice(b"}\n");
+        Ok(())
+    })?;
+    Ok(out)
 }
 
 /// `{"target":`, `,"t":`, …
@@ -28,13 +24,17 @@ pub(super) fn keys(names: &[String]) -> Vec<String> {
     names.iter().enumerate().map(key).collect()
 }
 
-pub(super) fn write_cell(to: &mut dyn Write, cell: &OutCell<'_>, offset_s: i32) -> io::Result<()> {
+pub(super) fn write_cell(out: &mut Vec<u8>, cell: &OutCell<'_>, offset_s: i32) {
     match cell {
-        OutCell::Absent => to.write_all(b"null"),
-        OutCell::Float(x) => to.write_all(ryu::Buffer::new().format_finite(*x).as_bytes()),
-        OutCell::Index(k) => write!(to, "{k}"),
-        OutCell::Text(text) => to.write_all(json_text(text).as_bytes()),
-        OutCell::Date(ns) => write!(to, "\"{}\"", time::utc_text(*ns, offset_s)),
+        OutCell::Absent => out.extend_from_slice(b"null"),
+        OutCell::Float(x) => out.extend_from_slice(ryu::Buffer::new().format_finite(*x).as_bytes()),
+        OutCell::Index(k) => out.extend_from_slice(k.to_string().as_bytes()),
+        OutCell::Text(text) => out.extend_from_slice(json_text(text).as_bytes()),
+        OutCell::Date(ns) => {
+            out.push(b'"');
+            out.extend_from_slice(time::utc_text(*ns, offset_s).as_bytes());
+            out.push(b'"');
+        }
     }
 }
 

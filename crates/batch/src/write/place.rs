@@ -9,14 +9,17 @@ use std::path::{Path, PathBuf};
 const BUFFER: usize = 1 << 16;
 
 /// Whether a path names something that is there and neither a regular file nor a folder.
-pub(super) fn is_direct(path: &Path) -> bool {
+pub(crate) fn is_direct(path: &Path) -> bool {
     fs::metadata(path).is_ok_and(|m| !m.is_file() && !m.is_dir())
 }
 
 /// Runs `fill` on the output. A regular file takes its place only when everything has been written.
-pub(super) fn write(output: &Output, fill: impl FnOnce(To<'_>) -> Result<(), WriteError>) -> Result<(), WriteError> {
+///
+/// # Errors
+/// Those of `fill`, and [`WriteError`] as one of them.
+pub(crate) fn write<E: From<WriteError>>(output: &Output, fill: impl FnOnce(To<'_>) -> Result<(), E>) -> Result<(), E> {
     let file = output.name();
-    let failed = |e: io::Error| io_error(file, e);
+    let failed = |e: io::Error| E::from(io_error(file, e));
     match output {
         Output::Stdout => to_end(io::stdout(), file, fill).map(drop),
         Output::File(path) if is_direct(path) => {
@@ -35,13 +38,13 @@ pub(super) fn write(output: &Output, fill: impl FnOnce(To<'_>) -> Result<(), Wri
     }
 }
 
-fn to_end<W: Write + Send>(
+fn to_end<W: Write + Send, E: From<WriteError>>(
     to: W,
     file: &Path,
-    fill: impl FnOnce(To<'_>) -> Result<(), WriteError>,
-) -> Result<W, WriteError> {
+    fill: impl FnOnce(To<'_>) -> Result<(), E>,
+) -> Result<W, E> {
     let mut to = BufWriter::with_capacity(BUFFER, to);
-    let filled = fill(&mut to).and_then(|()| to.flush().map_err(|e| io_error(file, e)));
+    let filled = fill(&mut to).and_then(|()| to.flush().map_err(|e| E::from(io_error(file, e))));
     // Dropping a BufWriter would write once more what has just failed; taking it apart does not.
     let (to, _) = to.into_parts();
     filled.map(|()| to)

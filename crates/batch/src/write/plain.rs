@@ -4,7 +4,6 @@ use super::columns::{ColumnKind, OutCell};
 use super::{OutFormat, Output, To, WriteError, csv, io_error, ndjson, parquet, place};
 use ::parquet::errors::ParquetError;
 use std::io;
-use std::path::Path;
 
 /// What a column holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,7 +56,7 @@ impl Cell {
 pub fn write_plain(output: &Output, table: &Plain, format: OutFormat) -> Result<(), WriteError> {
     let file = output.name();
     place::write(output, |to| match format {
-        OutFormat::Csv => as_csv(table, file, to),
+        OutFormat::Csv => as_csv(table, to).map_err(|e| io_error(file, e)),
         OutFormat::Ndjson => as_ndjson(table, to).map_err(|e| io_error(file, e)),
         OutFormat::Parquet => as_parquet(table, to).map_err(|e| io_error(file, parquet::into_io(e))),
         OutFormat::GeoJson => Err(WriteError::Unsupported {
@@ -76,25 +75,27 @@ fn cells(row: &[Cell]) -> Vec<OutCell<'_>> {
     row.iter().map(Cell::out).collect()
 }
 
-fn as_csv(table: &Plain, file: &Path, to: To<'_>) -> Result<(), WriteError> {
-    let failed = |e: ::csv::Error| match e.into_kind() {
-        ::csv::ErrorKind::Io(e) => io_error(file, e),
-        other => io_error(file, io::Error::other(format!("{other:?}"))),
-    };
-    let (mut out, mut float) = (::csv::Writer::from_writer(to), ryu::Buffer::new());
-    out.write_record(names(table)).map_err(failed)?;
-    table.rows.iter().try_for_each(|row| csv::write_cells(&mut out, &cells(row), &mut float, 0)).map_err(failed)?;
-    out.flush().map_err(|e| io_error(file, e))
+fn as_csv(table: &Plain, to: To<'_>) -> io::Result<()> {
+    to.write_all(&csv::header(&names(table)))?;
+    let mut float = ryu::Buffer::new();
+    for row in &table.rows {
+        let mut line = Vec::new();
+        csv::write_cells(&mut line, &cells(row), &mut float, 0);
+        to.write_all(&line)?;
+    }
+    Ok(())
 }
 
 fn as_ndjson(table: &Plain, to: To<'_>) -> io::Result<()> {
     let keys = ndjson::keys(&names(table));
     for row in &table.rows {
+        let mut line = Vec::new();
         for (key, cell) in keys.iter().zip(row) {
-            to.write_all(key.as_bytes())?;
-            ndjson::write_cell(to, &cell.out(), 0)?;
+            line.extend_from_slice(key.as_bytes());
+            ndjson::write_cell(&mut line, &cell.out(), 0);
         }
-        to.write_all(b"}\n")?;
+        line.extend_from_slice(b"}\n");
+        to.write_all(&line)?;
     }
     Ok(())
 }
@@ -106,7 +107,6 @@ fn as_parquet(table: &Plain, to: To<'_>) -> Result<(), ParquetError> {
         Holds::Names => ColumnKind::Text,
     };
     let kinds: Vec<ColumnKind> = table.columns.iter().map(|(_, holds)| kind(*holds)).collect();
-    let mut rows = parquet::Rows::start("rows", &names(table), &kinds, None, to)?;
-    table.rows.iter().try_for_each(|row| rows.push(&cells(row)))?;
-    rows.finish()
+    let form = parquet::Form::new("rows", &names(table), &kinds, None)?;
+    parquet::write_rows(&form, table.rows.iter().map(|row| cells(row)), to)
 }

@@ -38,7 +38,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     }
     let data = data_arguments.load(Wanted::Survey)?;
     if let Ok(spec) = &data.spec {
-        spec.try_build(&data.table, LaggedMode::Own)?;
+        spec.try_build(&data.table.anchors, LaggedMode::Own)?;
     }
     if let Some(survey) = &data.survey {
         match data_arguments.json {

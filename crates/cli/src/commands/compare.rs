@@ -99,7 +99,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     if let Some(path) = &arguments.data.write_spec {
         whole::write(path, spec.text.as_bytes())?;
     }
-    let mut lines = arguments.data.reading(&table, &unused);
+    let mut lines = arguments.data.reading(&table.counts, table.targets.len() as u64, &unused);
     if let Some(path) = &arguments.report {
         lines.push(format!("{}: the report, opens in any browser", path.display()));
     }

@@ -3,16 +3,20 @@
 mod link;
 mod summary;
 
-use crate::data::{Data, DataArguments, SpecText, Wanted};
+use crate::data::{Data, DataArguments, SpecText, Wanted, read_spec};
 use crate::failure::Failure;
 use crate::output::{Results, say};
 use crate::progress::Progress;
 use crate::runs::{self, Tracked};
 use crate::{scores, whole};
 use clap::{Args, ValueEnum};
-use fixtrail_batch::{Order, OutFormat, Output, Table, WriteError, WriteOptions, write_trails};
+use fixtrail_batch::{
+    FileError, FileOutcome, FileRun, Order, OutFormat, Output, Phase, Table, Totals, WriteError, WriteOptions,
+    read_anchors, track_file, write_trails,
+};
 use fixtrail_report::{Page, Series, render};
 use fixtrail_sim::metrics::Score;
+use fixtrail_track::pipeline::TrackError;
 use fixtrail_track::registry;
 use fixtrail_track::survey::{self, Survey};
 use fixtrail_track::target::TargetTrail;
@@ -21,6 +25,7 @@ use fixtrail_track::trackers::LaggedMode;
 use fixtrail_track::truth::TargetTruth;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Instant;
 use summary::Summary;
 
 /// Turn measurements into trails with honest uncertainty
@@ -84,6 +89,14 @@ impl Arguments {
         if self.output.as_os_str() == "-" { Output::Stdout } else { Output::File(self.output.clone()) }
     }
 
+    fn write_options(&self, format: OutFormat) -> WriteOptions {
+        let order = match self.order {
+            OrderName::Target => Order::Target,
+            OrderName::Time => Order::Time,
+        };
+        WriteOptions { covariance: self.covariance, order, format }
+    }
+
     /// Where results go that are not the trail.
     fn results(&self) -> Results {
         if self.destination() == Output::Stdout { Results::Stderr } else { Results::Stdout }
@@ -114,7 +127,6 @@ struct Outcome {
     score: Option<Score>,
     /// The smoother's comparison, when both stand side by side.
     smoother: Option<(Vec<TargetTrail>, Option<Score>)>,
-    seconds: f64,
 }
 
 /// Runs the command.
@@ -128,10 +140,19 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global();
         pool.map_err(|e| Failure::Run(format!("{threads} threads cannot be started: {e}")))?;
     }
-    let Data { table, survey, spec, unused } = arguments.data.load(Wanted::Spec)?;
+    let started = Instant::now();
+    let given = arguments.data.spec.as_deref().map(read_spec).transpose()?;
+    let options = arguments.write_options(format);
+    // A report, a comparison and an order by time need every trail at once; a proposal needs every row.
+    let streams = arguments.report.is_none() && arguments.truth.is_none() && options.order == Order::Target;
+    let given = match given {
+        Some(spec) if streams => return stream(arguments, &spec, &options, started),
+        given => given,
+    };
+    let Data { table, survey, spec, unused } = arguments.data.load_with(given, Wanted::Spec)?;
     let spec = spec.map_err(|why| arguments.data.no_spec(&why))?;
     check_mode(&spec, arguments.lagged)?;
-    spec.try_build(&table, arguments.mode())?;
+    spec.try_build(&table.anchors, arguments.mode())?;
     let truth = match &arguments.truth {
         Some(path) => spec.truth(path, &table)?,
         None => Vec::new(),
@@ -139,14 +160,6 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     arguments.data.announce(&spec);
     let outcome = track_all(arguments, &table, &spec, truth)?;
 
-    let options = WriteOptions {
-        covariance: arguments.covariance,
-        order: match arguments.order {
-            OrderName::Target => Order::Target,
-            OrderName::Time => Order::Time,
-        },
-        format,
-    };
     let layout = registry::layout(&spec.spec);
     let page = arguments.report.as_ref().map(|_| {
         let theory = promise(&spec, &table, survey.as_ref());
@@ -161,8 +174,70 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         whole::write(path, spec.text.as_bytes())?;
     }
 
-    let summary =
-        Summary { arguments, table: &table, survey: survey.as_ref(), spec: &spec, unused: &unused, outcome: &outcome };
+    let packets = table.targets.iter().map(|t| t.packets.len() as u64).sum();
+    let totals = Totals::of(&outcome.trails, packets);
+    finish(&Summary {
+        arguments,
+        counts: &table.counts,
+        origin: table.origin,
+        survey: survey.as_ref(),
+        spec: &spec,
+        unused: &unused,
+        totals: &totals,
+        scores: [outcome.score.as_ref(), outcome.smoother.as_ref().and_then(|(_, score)| score.as_ref())],
+        seconds: started.elapsed().as_secs_f64(),
+    })
+}
+
+/// Tracks a file in bounded memory.
+fn stream(
+    arguments: &Arguments,
+    spec: &SpecText,
+    options: &WriteOptions,
+    started: Instant,
+) -> Result<ExitCode, Failure> {
+    check_mode(spec, arguments.lagged)?;
+    let input = arguments.data.input();
+    let anchors = read_anchors(&input, arguments.data.anchors_table(Some(spec)).as_deref())?;
+    spec.try_build(&anchors, arguments.mode())?;
+    let (reading, tracking) = (Progress::bytes(), Progress::packets(0));
+    let run = FileRun {
+        input: &input,
+        anchors: &anchors,
+        read: &arguments.data.read_options(Some(&spec.spec)),
+        spec: &spec.spec,
+        lagged: arguments.mode(),
+        output: &arguments.destination(),
+        write: options,
+    };
+    let outcome = track_file(&run, &|phase, done, total| match phase {
+        Phase::Reading => reading.set(done, total),
+        Phase::Tracking => tracking.set(done, total),
+    });
+    drop((reading, tracking));
+    let FileOutcome { counts, meta, totals } = outcome.map_err(|error| match error {
+        FileError::Read(e) => e.into(),
+        FileError::Track(TrackError::Build(e)) => spec.rename(e).into(),
+        FileError::Track(e) => Failure::Run(format!("{}: {e}", arguments.data.input_name())),
+        FileError::Write(e) => write_failure(e, &arguments.output),
+        other => Failure::Run(other.to_string()),
+    })?;
+    finish(&Summary {
+        arguments,
+        counts: &counts,
+        origin: meta.origin,
+        survey: None,
+        spec,
+        unused: &counts.ignored_kinds,
+        totals: &totals,
+        scores: [None; 2],
+        seconds: started.elapsed().as_secs_f64(),
+    })
+}
+
+/// Says what was done.
+fn finish(summary: &Summary<'_>) -> Result<ExitCode, Failure> {
+    let arguments = summary.arguments;
     say(summary.text());
     if arguments.data.json {
         arguments.results().json(&summary.json())?;
@@ -194,7 +269,7 @@ fn track_all(
 ) -> Result<Outcome, Failure> {
     let mode = arguments.mode();
     let bar = Progress::packets(table.targets.iter().map(|t| t.packets.len() as u64).sum());
-    let Tracked { trails, seconds } = runs::tracks(&arguments.data.input_name(), table, spec, mode, &bar)?;
+    let Tracked { trails, .. } = runs::tracks(&arguments.data.input_name(), table, spec, mode, &bar)?;
     drop(bar);
 
     let judge = |kind, trails: &[TargetTrail]| match truth.is_empty() {
@@ -213,7 +288,7 @@ fn track_all(
         }
         _ => None,
     };
-    Ok(Outcome { trails, truth, score, smoother, seconds })
+    Ok(Outcome { trails, truth, score, smoother })
 }
 
 /// What theory says of the spec at the loss of the data; `None` where it says nothing.

@@ -134,7 +134,7 @@ fn load(arguments: &Arguments) -> Result<(SpecText, Vec<Recording>), Failure> {
         let data = arguments.data(input, arguments.spec.as_deref());
         let loaded = data.load(Wanted::Spec)?;
         let spec = loaded.spec.map_err(|why| data.no_spec(&why))?;
-        spec.try_build(&loaded.table, fixtrail_track::trackers::LaggedMode::Own)?;
+        spec.try_build(&loaded.table.anchors, fixtrail_track::trackers::LaggedMode::Own)?;
         let truth = arguments.truth.get(if arguments.truth.len() == 1 { 0 } else { i });
         let truth = truth.map(|path| spec.truth(path, &loaded.table)).transpose()?.unwrap_or_default();
         if base.is_none() {

@@ -28,7 +28,14 @@ pub fn nis<'a>(trails: impl IntoIterator<Item = &'a Trail>) -> Option<Nis> {
             }
         }
     }
-    let (low, high) = mean_band95(1, dof)?;
-    let scale = 1.0 / dof as f64;
-    Some(Nis { instants, dof, ratio: sum * scale, band95: (low * scale, high * scale) })
+    Nis::of(instants, dof, sum)
+}
+
+impl Nis {
+    /// The statistics of `instants` with `dof` scalar measurements whose normalised innovations squared add up to `sum`; `None` without any.
+    pub fn of(instants: usize, dof: usize, sum: f64) -> Option<Nis> {
+        let (low, high) = mean_band95(1, dof)?;
+        let scale = 1.0 / dof as f64;
+        Some(Nis { instants, dof, ratio: sum * scale, band95: (low * scale, high * scale) })
+    }
 }

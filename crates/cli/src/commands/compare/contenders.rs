@@ -29,7 +29,7 @@ pub fn contenders(
         .into_iter()
         .map(|spec| SpecText { path: own.path.clone(), text: own.text.clone(), reasons: Vec::new(), spec })
         .collect();
-    specs.iter().try_for_each(|spec| spec.try_build(table, LaggedMode::Own))?;
+    specs.iter().try_for_each(|spec| spec.try_build(&table.anchors, LaggedMode::Own))?;
     Ok(specs)
 }
 

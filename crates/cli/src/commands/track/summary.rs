@@ -1,13 +1,14 @@
 //! What a run did, for people and for programs.
 
+use super::Arguments;
 use super::link::LinkSummary;
-use super::{Arguments, Outcome};
 use crate::data::SpecText;
 use crate::figures::{counted, grouped, short};
 use crate::scores;
-use fixtrail_batch::Table;
-use fixtrail_sim::metrics::nis;
+use fixtrail_batch::{Counts, Totals};
+use fixtrail_sim::metrics::{Nis, Score};
 use fixtrail_track::fix::Status;
+use fixtrail_track::geo::Origin;
 use fixtrail_track::survey::{Severity, Survey};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
@@ -15,40 +16,31 @@ use std::collections::BTreeMap;
 /// Everything there is to say about a run.
 pub struct Summary<'a> {
     pub arguments: &'a Arguments,
-    pub table: &'a Table,
+    pub counts: &'a Counts,
+    pub origin: Option<Origin>,
     pub survey: Option<&'a Survey>,
     pub spec: &'a SpecText,
     pub unused: &'a BTreeMap<String, u64>,
-    pub outcome: &'a Outcome,
+    pub totals: &'a Totals,
+    /// The comparison with truth, of the filter and of the smoother beside it.
+    pub scores: [Option<&'a Score>; 2],
+    pub seconds: f64,
 }
 
 const STATUSES: [Status; 4] = [Status::Updated, Status::Predicted, Status::Rejected, Status::Unobservable];
 
 impl Summary<'_> {
-    fn count(&self, status: Status) -> u64 {
-        self.outcome.trails.iter().flat_map(|t| &t.trail.status).filter(|s| **s == status).count() as u64
-    }
-
-    fn fixes(&self) -> u64 {
-        self.outcome.trails.iter().map(|t| t.trail.len() as u64).sum()
-    }
-
-    fn link(&self) -> LinkSummary {
-        LinkSummary::of(&self.spec.spec, &self.outcome.trails)
-    }
-
-    fn restarts(&self) -> u64 {
-        self.outcome.trails.iter().map(|t| t.trail.restarts).sum()
+    fn link(&self) -> LinkSummary<'_> {
+        LinkSummary::of(&self.spec.spec, self.totals)
     }
 
     fn rows_per_s(&self) -> Option<f64> {
-        let used: usize = self.table.targets.iter().map(|t| t.packets.len()).sum();
-        (self.outcome.seconds > 0.0).then(|| used as f64 / self.outcome.seconds)
+        (self.seconds > 0.0).then(|| self.totals.packets as f64 / self.seconds)
     }
 
     /// A few lines for standard error.
     pub fn text(&self) -> String {
-        let mut lines = self.arguments.data.reading(self.table, self.unused);
+        let mut lines = self.arguments.data.reading(self.counts, self.totals.targets, self.unused);
         lines.extend(self.link().text());
         // Findings that spoil the trail; `check` tells the rest.
         for finding in self.survey.iter().flat_map(|s| &s.findings).filter(|f| f.severity == Severity::Problem) {
@@ -56,7 +48,7 @@ impl Summary<'_> {
         }
         let by_status: Vec<String> = STATUSES
             .into_iter()
-            .map(|status| (self.count(status), status))
+            .map(|status| (self.totals.count(status), status))
             .filter(|(n, _)| *n > 0)
             .map(|(n, status)| format!("{} {}", grouped(n), status.name()))
             .collect();
@@ -64,18 +56,18 @@ impl Summary<'_> {
         lines.push(format!(
             "{}: {} by `{}` in {} s{rate}: {}",
             self.arguments.output.display(),
-            match self.fixes() {
+            match self.totals.fixes() {
                 1 => "1 fix".to_owned(),
                 n => format!("{} fixes", grouped(n)),
             },
             self.spec.spec.estimator.name(),
-            short(self.outcome.seconds),
+            short(self.seconds),
             by_status.join(", ")
         ));
-        if self.restarts() > 0 {
+        if self.totals.restarts > 0 {
             lines.push(format!(
                 "{}, lost or out of sight for long: the track was started anew",
-                counted(self.restarts(), "time")
+                counted(self.totals.restarts, "time")
             ));
         }
         if let Some(report) = &self.arguments.report {
@@ -86,9 +78,9 @@ impl Summary<'_> {
 
     /// The comparison with truth.
     pub fn scores(&self) -> Option<String> {
-        let score = self.outcome.score.as_ref()?;
-        let mut text = scores::text("errors against truth", score);
-        if let Some((_, Some(smoothed))) = &self.outcome.smoother {
+        let [score, smoothed] = self.scores;
+        let mut text = scores::text("errors against truth", score?);
+        if let Some(smoothed) = smoothed {
             text += &format!("\n\n{}", scores::text("errors against truth, smoothed", smoothed));
         }
         Some(text)
@@ -96,10 +88,11 @@ impl Summary<'_> {
 
     /// One object with everything.
     pub fn json(&self) -> Value {
-        let counts = &self.table.counts;
+        let counts = self.counts;
         let fixes: Map<String, Value> =
-            STATUSES.into_iter().map(|s| (s.name().to_owned(), json!(self.count(s)))).collect();
-        let innovations = nis(self.outcome.trails.iter().map(|t| &t.trail));
+            STATUSES.into_iter().map(|s| (s.name().to_owned(), json!(self.totals.count(s)))).collect();
+        let (instants, dof, sum) = self.totals.innovations;
+        let innovations = Nis::of(instants, dof, sum);
         json!({
             "input": self.arguments.data.input.to_string_lossy(),
             "output": self.arguments.output.to_string_lossy(),
@@ -107,7 +100,7 @@ impl Summary<'_> {
             "proposed_spec": self.spec.path.is_none().then_some(&self.spec.text),
             "estimator": self.spec.spec.estimator.name(),
             "rows": counts.rows,
-            "targets": self.table.targets.len(),
+            "targets": self.totals.targets,
             "duplicates": counts.duplicates,
             "out_of_order": counts.out_of_order,
             "skipped_bad_rows": counts.skipped_bad,
@@ -116,14 +109,14 @@ impl Summary<'_> {
             "unused_kinds": self.unused,
             "link": self.link().json(),
             "fixes": fixes,
-            "restarts": self.restarts(),
-            "origin": self.table.origin.as_ref().map(|o| json!({ "lat": o.lat_deg, "lon": o.lon_deg, "alt": o.alt_m })),
-            "seconds": self.outcome.seconds,
+            "restarts": self.totals.restarts,
+            "origin": self.origin.map(|o| json!({ "lat": o.lat_deg, "lon": o.lon_deg, "alt": o.alt_m })),
+            "seconds": self.seconds,
             "rows_per_s": self.rows_per_s(),
             "nis_ratio": innovations.as_ref().map(|n| n.ratio),
             "nis_band95": innovations.as_ref().map(|n| n.band95),
-            "truth": self.outcome.score.as_ref().map(scores::json),
-            "truth_smoothed": self.outcome.smoother.as_ref().and_then(|(_, s)| s.as_ref()).map(scores::json),
+            "truth": self.scores[0].map(scores::json),
+            "truth_smoothed": self.scores[1].map(scores::json),
             "report": self.arguments.report.as_ref().map(|p| p.to_string_lossy()),
         })
     }

@@ -1,0 +1,100 @@
+//! Decimal numbers as sensors write them: few digits, no exponent.
+
+/// Powers of ten that an f64 holds exactly.
+const TENS: [f64; 23] = [
+    1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20,
+    1e21, 1e22,
+];
+
+/// Whole numbers up to here are exact in an f64.
+const EXACT: u64 = 1 << 53;
+
+/// The number that `text` is, white space around it aside, if its digits make a whole number below 2^53 and it has no exponent; `None` says
+/// that it needs a closer look.
+///
+/// Both the digits and the power of ten are exact then, so the quotient, rounded once, is the f64 nearest to the text
+/// (Clinger 1990, the fast path).
+#[inline]
+pub(super) fn decimal(text: &[u8]) -> Option<f64> {
+    let text = text.trim_ascii();
+    let (negative, digits) = match text {
+        [b'-', rest @ ..] => (true, rest),
+        _ => (false, text),
+    };
+    // 19 digits cannot overflow.
+    if digits.is_empty() || digits.len() > 19 {
+        return None;
+    }
+    let (mut whole, mut places, mut has_point) = (0_u64, 0_usize, false);
+    for byte in digits {
+        match byte {
+            b'0'..=b'9' => {
+                whole = whole * 10 + u64::from(byte - b'0');
+                places += usize::from(has_point);
+            }
+            b'.' if !has_point => has_point = true,
+            _ => return None,
+        }
+    }
+    if whole > EXACT || digits.len() == usize::from(has_point) {
+        return None;
+    }
+    let value = whole as f64 / TENS[places];
+    Some(if negative { -value } else { value })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::decimal;
+
+    #[test]
+    fn what_is_read_is_what_the_standard_library_reads() {
+        let mut state = 1_u64;
+        let mut random = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            state >> 33
+        };
+        let mut read = 0;
+        for _ in 0..200_000 {
+            let (digits, point) = (random() % 19 + 1, random() % 20);
+            let sign = if random() % 2 == 0 { "-" } else { "" };
+            let mut text: String = (0..digits).map(|_| char::from(b'0' + (random() % 10) as u8)).collect();
+            if point <= digits {
+                text.insert(point as usize, '.');
+            }
+            let text = format!("{sign}{text}");
+            if let Some(x) = decimal(text.as_bytes()) {
+                read += 1;
+                assert_eq!(x.to_bits(), text.parse::<f64>().unwrap().to_bits(), "{text}");
+            }
+        }
+        assert!(read > 100_000);
+    }
+
+    #[test]
+    fn what_needs_a_closer_look_is_left() {
+        for text in [
+            "",
+            " ",
+            "-",
+            ".",
+            "-.",
+            "1e3",
+            "nan",
+            "inf",
+            "+1",
+            "1.2.3",
+            "0x1",
+            "1_0",
+            "12345678901234567890",
+            "--1",
+            "1 2",
+            "9007199254740993",
+        ] {
+            assert_eq!(decimal(text.as_bytes()), None, "{text}");
+        }
+        assert_eq!(decimal(b" 1.5 "), Some(1.5));
+        assert_eq!(decimal(b"1."), Some(1.0));
+        assert_eq!(decimal(b".5"), Some(0.5));
+    }
+}

@@ -1,0 +1,262 @@
+//! Bounded memory against everything in memory: the same trails, whatever the order of rows, the room there is and the number of threads.
+
+use super::{FileError, FileRun, track_within};
+use crate::store::Room;
+use crate::{
+    Input, Order, OutFormat, Output, ReadOptions, WriteOptions, read_anchors, read_table, run_tracks, write_trails,
+};
+use fixtrail_track::packet::Kind;
+use fixtrail_track::pipeline::track;
+use fixtrail_track::registry;
+use fixtrail_track::spec::{self, Spec};
+use fixtrail_track::trackers::LaggedMode;
+use std::fs;
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+/// Little room for everything: many runs, most of them spilled, and targets that are tracked in parts.
+const TIGHT: Room = Room { run_words: 400, kept_words: 900, long: 23 };
+
+/// Numbers without a pattern (Knuth's 64-bit congruence).
+struct Random(u64);
+
+impl Random {
+    fn below(&mut self, n: usize) -> usize {
+        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        ((self.0 >> 33) as usize) % n
+    }
+
+    fn shuffle<T>(&mut self, list: &mut [T]) {
+        (1..list.len()).for_each(|i| list.swap(i, self.below(i + 1)));
+    }
+}
+
+fn spec_of(estimator: &str, prior: bool, sensors: &str) -> Spec {
+    let prior = if prior {
+        "x0 = [0.0, 0.0, 0.0, 0.0]\nP0 = [[100.0, 0, 0, 0], [0, 100.0, 0, 0], [0, 0, 4.0, 0], [0, 0, 0, 4.0]]\n"
+    } else {
+        ""
+    };
+    let text = format!("[model]\nkind = \"constant-velocity\"\naxes = 2\nnoise = 0.2\n{prior}{estimator}{sensors}");
+    spec::parse(&text, Path::new("spec"), &mut |_| unreachable!("no file is named")).unwrap()
+}
+
+const KALMAN: &str = "[estimator]\nkind = \"kalman\"\n";
+const EKF: &str = "[estimator]\nkind = \"ekf\"\n";
+const RTS: &str = "[estimator]\nkind = \"rts\"\n";
+const POSITIONS: &str = "[[sensor]]\nkind = \"position\"\nsd = 0.3\n";
+const RANGES: &str = "[[sensor]]\nkind = \"range\"\nsd = 0.2\n";
+const LATE: &str = "[link]\nlate_s = 0.25\n[[sensor]]\nkind = \"position\"\nsd = 0.3\n";
+
+/// Rows of positions of some targets, by target.
+fn positions(random: &mut Random, targets: usize, longest: usize) -> Vec<String> {
+    let mut rows = Vec::new();
+    for target in 0..targets {
+        for i in 0..1 + random.below(longest) {
+            let (x, y) = (random.below(4000) as f64 / 1000.0, random.below(4000) as f64 / 1000.0);
+            rows.push(format!("{:?},{target},{x:?},{y:?}", (i * 10 + random.below(10)) as f64 / 100.0));
+        }
+    }
+    rows
+}
+
+/// Rows of ranges of some targets to four anchors, by time.
+fn ranges(random: &mut Random, targets: usize, instants: usize) -> Vec<String> {
+    let mut rows = Vec::new();
+    for i in 0..instants {
+        for target in 0..targets {
+            for anchor in 0..4 {
+                if random.below(5) > 0 {
+                    let value = 3.0 + random.below(400) as f64 / 100.0;
+                    rows.push(format!("{:?},{target},A{anchor},{value:?}", i as f64 / 10.0));
+                }
+            }
+        }
+    }
+    rows
+}
+
+struct Case {
+    folder: TempDir,
+    input: Input,
+    spec: Spec,
+    read: ReadOptions,
+}
+
+impl Case {
+    fn new(name: &str, text: &str, spec: Spec) -> Case {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("anchors.csv"), "anchor,x,y\nA0,0,0\nA1,8,0\nA2,0,8\nA3,8,8\n").unwrap();
+        let input = Input::File(folder.path().join(name));
+        fs::write(input.name(), text).unwrap();
+        let kinds: Vec<Kind> = spec.sensors.iter().map(|s| s.kind).collect();
+        let latency_s = spec.sensors.iter().map(|s| (s.kind, s.latency_s)).collect();
+        let read =
+            ReadOptions { default_kind: Some(kinds[0]), kinds: Some(kinds), latency_s, ..ReadOptions::default() };
+        Case { folder, input, spec, read }
+    }
+
+    fn output(&self, name: &str) -> (PathBuf, Output) {
+        let path = self.folder.path().join(name);
+        (path.clone(), Output::File(path))
+    }
+
+    /// Everything in memory.
+    fn whole(&self, name: &str) -> Result<Vec<u8>, FileError> {
+        let (path, output) = self.output(name);
+        let table = read_table(&self.input, None, &self.read, &mut |_, _| {})?;
+        let one = |target: &_| track(&self.spec, &table.anchors, target, LaggedMode::Own);
+        let trails = run_tracks(&table, one, &|_| {})?;
+        write_trails(&output, &trails, &registry::layout(&self.spec), &table, &options(&output))?;
+        Ok(fs::read(path).unwrap())
+    }
+
+    /// In little memory.
+    fn bounded(&self, name: &str, room: Room, threads: usize) -> Result<Vec<u8>, FileError> {
+        let (path, output) = self.output(name);
+        let anchors = read_anchors(&self.input, None)?;
+        let run = FileRun {
+            input: &self.input,
+            anchors: &anchors,
+            read: &self.read,
+            spec: &self.spec,
+            lagged: LaggedMode::Own,
+            output: &output,
+            write: &options(&output),
+        };
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| track_within(&run, room, &|_, _, _| {}).map(drop))?;
+        Ok(fs::read(path).unwrap())
+    }
+
+    fn agrees(&self) {
+        for name in ["trail.csv", "trail.ndjson"] {
+            let whole = self.whole(name).unwrap();
+            for (room, threads) in [(TIGHT, 1), (TIGHT, 3), (Room::BOUNDED, 1), (Room::BOUNDED, 2)] {
+                let bounded = self.bounded(name, room, threads).unwrap();
+                assert!(bounded == whole, "{name} with {room:?} on {threads} threads");
+            }
+        }
+        // Row groups depend on the room, bytes do not on the threads.
+        let one = self.bounded("trail.parquet", TIGHT, 1).unwrap();
+        assert!(self.bounded("trail.parquet", TIGHT, 3).unwrap() == one);
+    }
+}
+
+fn options(output: &Output) -> WriteOptions {
+    WriteOptions { covariance: true, order: Order::Target, format: OutFormat::of(output).unwrap() }
+}
+
+fn table(header: &str, rows: &[String]) -> String {
+    format!("{header}\n{}\n", rows.join("\n"))
+}
+
+#[test]
+fn little_room_changes_nothing_whatever_the_order_of_rows() {
+    let mut random = Random(1);
+    let by_target = positions(&mut random, 37, 60);
+    let mut by_time = by_target.clone();
+    by_time.sort_by(|a, b| {
+        let t = |row: &String| row.split(',').next().unwrap().parse::<f64>().unwrap();
+        t(a).total_cmp(&t(b))
+    });
+    let mut shuffled = by_target.clone();
+    random.shuffle(&mut shuffled);
+    let mut copied = shuffled.clone();
+    copied.extend_from_slice(&shuffled[..50]);
+    // From the first quote on another reader takes over.
+    let quote = |(i, row): (usize, &String)| match row.split_once(',') {
+        Some((t, rest)) if i > 300 && i % 3 == 0 => format!("\"{t}\",{rest}"),
+        _ => row.clone(),
+    };
+    let quoted: Vec<String> = shuffled.iter().enumerate().map(quote).collect();
+    for rows in [&by_target, &by_time, &shuffled, &copied, &quoted] {
+        let text = table("t,target,x,y", rows);
+        for prior in [true, false] {
+            Case::new("m.csv", &text, spec_of(KALMAN, prior, POSITIONS)).agrees();
+        }
+        Case::new("m.csv", &text, spec_of(RTS, false, POSITIONS)).agrees();
+    }
+    Case::new("m.csv", &table("t,target,x,y", &by_target), spec_of(KALMAN, true, LATE)).agrees();
+}
+
+#[test]
+fn one_target_many_times_as_long_as_there_is_room_is_tracked_in_parts() {
+    let mut random = Random(2);
+    let mut rows = positions(&mut random, 1, 3000);
+    while rows.len() < 1000 {
+        rows = positions(&mut random, 1, 3000);
+    }
+    random.shuffle(&mut rows);
+    let text = table("t,target,x,y", &rows);
+    for prior in [true, false] {
+        Case::new("m.csv", &text, spec_of(KALMAN, prior, POSITIONS)).agrees();
+    }
+    // Without a target column, and with several rows an instant.
+    let rows: Vec<String> = ranges(&mut random, 1, 400).iter().map(|r| r.replacen(",0,", ",", 1)).collect();
+    Case::new("m.csv", &table("t,anchor,value", &rows), spec_of(EKF, false, RANGES)).agrees();
+}
+
+#[test]
+fn ranges_dates_and_missing_cells_take_the_same_way() {
+    let mut random = Random(3);
+    let mut rows = ranges(&mut random, 11, 40);
+    Case::new("m.csv", &table("t,target,anchor,value", &rows), spec_of(EKF, false, RANGES)).agrees();
+    random.shuffle(&mut rows);
+    let dated: Vec<String> = rows
+        .iter()
+        .map(|row| {
+            let (t, rest) = row.split_once(',').unwrap();
+            let ms = (t.parse::<f64>().unwrap() * 1000.0).round() as u64;
+            format!("2026-03-01T12:00:{:02}.{:03}Z,{rest}", ms / 1000, ms % 1000)
+        })
+        .collect();
+    let latency = format!("{RANGES}latency_s = 0.05\n");
+    Case::new("m.csv", &table("t,target,anchor,value", &dated), spec_of(EKF, false, &latency)).agrees();
+
+    let holes: Vec<String> = positions(&mut random, 9, 40)
+        .into_iter()
+        .map(|row| if random.below(4) == 0 { row.rsplit_once(',').unwrap().0.to_owned() + "," } else { row })
+        .collect();
+    Case::new("m.csv", &table("t,target,x,y", &holes), spec_of(KALMAN, true, POSITIONS)).agrees();
+}
+
+#[test]
+fn objects_whose_keys_come_late_are_read_as_they_are() {
+    let mut random = Random(4);
+    let rows = positions(&mut random, 7, 40);
+    let objects: Vec<String> = rows
+        .iter()
+        .enumerate()
+        .map(|(i, row)| {
+            let cells: Vec<&str> = row.split(',').collect();
+            let sd = if i > 60 && i % 3 == 0 { ",\"sd\":0.5" } else { "" };
+            format!("{{\"t\":{},\"target\":\"{}\",\"x\":{},\"y\":{}{sd}}}", cells[0], cells[1], cells[2], cells[3])
+        })
+        .collect();
+    Case::new("m.ndjson", &(objects.join("\n") + "\n"), spec_of(KALMAN, true, POSITIONS)).agrees();
+}
+
+#[test]
+fn of_several_contradictions_the_first_in_the_file_is_told_and_nothing_is_left_behind() {
+    let mut random = Random(5);
+    let mut rows = positions(&mut random, 9, 60);
+    let other: Vec<String> = [200, 20, 90]
+        .iter()
+        .map(|i| {
+            let row = &rows[*i];
+            format!("{},99", row.rsplit_once(',').unwrap().0)
+        })
+        .collect();
+    rows.extend(other);
+    random.shuffle(&mut rows);
+    let case = Case::new("m.csv", &table("t,target,x,y", &rows), spec_of(KALMAN, true, POSITIONS));
+    let whole = case.whole("trail.csv").unwrap_err().to_string();
+    assert!(whole.contains("expected one value"), "{whole}");
+    for threads in [1, 3] {
+        assert_eq!(case.bounded("trail.csv", TIGHT, threads).unwrap_err().to_string(), whole);
+    }
+    let mut names: Vec<_> = fs::read_dir(case.folder.path()).unwrap().map(|f| f.unwrap().file_name()).collect();
+    names.sort();
+    assert_eq!(names, ["anchors.csv", "m.csv"]);
+}

@@ -1,0 +1,198 @@
+//! Tables as Parquet.
+
+mod pages;
+
+use super::columns::{Column, ColumnKind, Columns, OutCell, Source};
+use super::{Encoder, Piece, To, WriteError};
+use crate::table::TableMeta;
+use bytes::Bytes;
+use pages::Buffer;
+use parquet::column::writer::ColumnCloseResult;
+use parquet::errors::ParquetError;
+use parquet::file::metadata::KeyValue;
+use parquet::file::properties::{WriterProperties, WriterPropertiesPtr};
+use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::parser::parse_message_type;
+use parquet::schema::types::{SchemaDescPtr, SchemaDescriptor, TypePtr};
+use std::io;
+use std::sync::Arc;
+
+/// Schema and properties of a file.
+pub(super) struct Form {
+    schema: TypePtr,
+    descriptor: SchemaDescPtr,
+    properties: WriterPropertiesPtr,
+    kinds: Vec<ColumnKind>,
+}
+
+impl Form {
+    /// Of a table of trails; the origin of their frame is in the file's metadata.
+    pub fn of_trails(columns: &Columns, meta: &TableMeta) -> Result<Form, ParquetError> {
+        let origin = meta.origin.map(|o| {
+            // Written out: the order of a JSON object's keys depends on how the whole program is built.
+            let json = format!(r#"{{"lat":{:?},"lon":{:?},"alt":{:?}}}"#, o.lat_deg, o.lon_deg, o.alt_m);
+            vec![KeyValue::new("fixtrail.origin".to_owned(), json)]
+        });
+        Form::new("trail", &columns.names(), &columns.kinds(), origin)
+    }
+
+    /// Of columns that may be empty.
+    pub fn new(
+        name: &str,
+        names: &[String],
+        kinds: &[ColumnKind],
+        metadata: Option<Vec<KeyValue>>,
+    ) -> Result<Form, ParquetError> {
+        let mut message = format!("message {name} {{");
+        for (name, kind) in names.iter().zip(kinds) {
+            message.push_str(&match kind {
+                ColumnKind::Float => format!(" OPTIONAL DOUBLE {name};"),
+                ColumnKind::Index => format!(" OPTIONAL INT64 {name};"),
+                ColumnKind::Text => format!(" OPTIONAL BYTE_ARRAY {name} (STRING);"),
+                ColumnKind::Date => format!(" OPTIONAL INT64 {name} (TIMESTAMP(NANOS,true));"),
+            });
+        }
+        message.push_str(" }");
+        let schema = Arc::new(parse_message_type(&message)?);
+        let properties = WriterProperties::builder().set_key_value_metadata(metadata);
+        let descriptor = Arc::new(SchemaDescriptor::new(schema.clone()));
+        Ok(Form { schema, descriptor, properties: Arc::new(properties.build()), kinds: kinds.to_vec() })
+    }
+
+    /// Encodes columns of `rows` rows.
+    fn group(&self, rows: usize, mut fill: impl FnMut(usize, &mut Buffer)) -> Result<Group, ParquetError> {
+        let mut columns = Vec::with_capacity(self.kinds.len());
+        for (i, kind) in self.kinds.iter().enumerate() {
+            let mut buffer = match kind {
+                ColumnKind::Float => Buffer::floats(rows),
+                ColumnKind::Index | ColumnKind::Date => Buffer::ints(rows),
+                ColumnKind::Text => Buffer::texts(),
+            };
+            fill(i, &mut buffer);
+            columns.push(buffer.chunk(self.descriptor.column(i))?);
+        }
+        Ok(Group { columns })
+    }
+}
+
+/// An encoded row group.
+pub(crate) struct Group {
+    columns: Vec<(Bytes, ColumnCloseResult)>,
+}
+
+/// A file that takes row groups.
+pub(super) struct Table<'t> {
+    file: SerializedFileWriter<To<'t>>,
+}
+
+impl<'t> Table<'t> {
+    pub fn start(form: &Form, to: To<'t>) -> Result<Table<'t>, ParquetError> {
+        let file = SerializedFileWriter::new(to, form.schema.clone(), form.properties.clone())?;
+        Ok(Table { file })
+    }
+
+    pub fn append(&mut self, group: Group) -> Result<(), ParquetError> {
+        let mut row_group = self.file.next_row_group()?;
+        for (bytes, close) in group.columns {
+            row_group.append_column(&bytes, close)?;
+        }
+        row_group.close().map(drop)
+    }
+
+    pub fn finish(self) -> Result<(), ParquetError> {
+        self.file.close().map(drop)
+    }
+}
+
+/// The rows of trails as a row group, column by column.
+pub(super) fn encode(encoder: &Encoder<'_>, pieces: &[Piece<'_>]) -> Result<Group, WriteError> {
+    let Some(form) = &encoder.parquet else {
+        return Err(encoder.io(io::Error::other("a Parquet file without a schema")));
+    };
+    let rows = pieces.iter().map(|piece| piece.rows.len()).sum();
+    let mut refused = None;
+    let group = form.group(rows, |i, buffer| {
+        let column = &encoder.columns.list[i];
+        if let Err(error) = pieces.iter().try_for_each(|piece| fill(encoder, column, piece, buffer)) {
+            refused.get_or_insert(error);
+        }
+    });
+    match refused {
+        Some(error) => Err(error),
+        None => group.map_err(|e| encoder.io(into_io(e))),
+    }
+}
+
+/// Appends the cells of a column.
+fn fill(encoder: &Encoder<'_>, column: &Column, piece: &Piece<'_>, buffer: &mut Buffer) -> Result<(), WriteError> {
+    let trail = &piece.target.trail;
+    let rows = piece.rows.clone();
+    let mut float = |row: usize, x: Option<f64>| match x {
+        Some(x) if !x.is_finite() => Err(encoder.columns.not_finite(encoder.file, column, piece.target, row)),
+        Some(x) => {
+            buffer.float(x);
+            Ok(())
+        }
+        None => {
+            buffer.absent();
+            Ok(())
+        }
+    };
+    // The columns that nearly all of a trail is in go without a look at what each cell is.
+    match (column.source, &piece.target.target) {
+        (Source::Target, Some(name)) => buffer.text(name, rows.len() as u32),
+        (Source::Status, _) => rows.for_each(|row| buffer.text(trail.status[row].name(), 1)),
+        (Source::Mean(i), _) => return { rows }.try_for_each(|row| float(row, trail.mean(row).map(|mean| mean[i]))),
+        (Source::Cov(i), _) => return { rows }.try_for_each(|row| float(row, trail.cov(row).map(|cov| cov[i]))),
+        (Source::Nis, _) => return { rows }.try_for_each(|row| float(row, trail.nis[row])),
+        (source, _) => {
+            for row in rows {
+                let cell = encoder.columns.cell(source, piece.target, row);
+                if matches!(cell, OutCell::Float(x) if !x.is_finite()) {
+                    return Err(encoder.columns.not_finite(encoder.file, column, piece.target, row));
+                }
+                push(buffer, &cell);
+            }
+        }
+    }
+    Ok(())
+}
+
+fn push(buffer: &mut Buffer, cell: &OutCell<'_>) {
+    match cell {
+        OutCell::Absent => buffer.absent(),
+        OutCell::Float(x) => buffer.float(*x),
+        OutCell::Text(text) => buffer.text(text, 1),
+        OutCell::Date(ns) => buffer.int(*ns),
+        // A count beyond what the column can hold is none of ours.
+        OutCell::Index(k) => match i64::try_from(*k) {
+            Ok(k) => buffer.int(k),
+            Err(_) => buffer.absent(),
+        },
+    }
+}
+
+/// Writes rows of cells as one row group.
+pub(super) fn write_rows<'c>(
+    form: &Form,
+    rows: impl Iterator<Item = Vec<OutCell<'c>>>,
+    to: To<'_>,
+) -> Result<(), ParquetError> {
+    let rows: Vec<Vec<OutCell<'c>>> = rows.collect();
+    let mut table = Table::start(form, to)?;
+    for rows in rows.chunks(super::GROUP_ROWS) {
+        let fill = |i: usize, buffer: &mut Buffer| rows.iter().for_each(|row| push(buffer, &row[i]));
+        table.append(form.group(rows.len(), fill)?)?;
+    }
+    table.finish()
+}
+
+pub(super) fn into_io(error: ParquetError) -> io::Error {
+    match error {
+        ParquetError::External(inner) => match inner.downcast::<io::Error>() {
+            Ok(io) => *io,
+            Err(other) => io::Error::other(other),
+        },
+        other => io::Error::other(other),
+    }
+}
