@@ -3,6 +3,7 @@
 use crate::cell::LARGEST;
 use crate::columns::Extent;
 use crate::content::{AnchorIds, Reading};
+use crate::formats::decimal::leading;
 use crate::formats::{Part, Row, TableSink};
 use crate::names::{Lookup, MOST_TARGETS, Names, TargetId};
 use crate::options::{Counts, ReadOptions};
@@ -69,6 +70,17 @@ struct PlainRow {
     target: Option<usize>,
     values: Vec<usize>,
     latency_s: f64,
+    /// What each column of the file is.
+    roles: Vec<Role>,
+}
+
+/// What a column is to a plain row.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Role {
+    T,
+    Target,
+    Value(usize),
+    Nothing,
 }
 
 /// Turns rows into a block of records.
@@ -103,10 +115,9 @@ impl<'a> Rows<'a> {
         let Some(plain) = &self.plain else { return false };
         let ordinary = |column: usize| row.number(column).filter(|x| x.abs() <= LARGEST);
         let Some(t_s) = ordinary(plain.t) else { return false };
-        self.numbers.clear();
-        for column in &plain.values {
+        for (number, column) in self.numbers.iter_mut().zip(&plain.values) {
             let Some(x) = ordinary(*column) else { return false };
-            self.numbers.push(x + 0.0);
+            *number = x + 0.0;
         }
         let is_first = self.block.times.is_none();
         if is_first || line >= MOST_LINES || self.block.times.as_ref().is_some_and(|seen| seen.form) {
@@ -212,12 +223,14 @@ impl<'a> Rows<'a> {
             Kind::Linear if schema.u.is_empty() => schema.z.iter().copied().collect(),
             _ => None,
         };
-        Some(PlainRow {
-            t: schema.place(Col::T)?,
-            target: schema.place(Col::Target),
-            values: values?,
-            latency_s: self.options.latency_s.get(&kind).copied().unwrap_or(0.0),
-        })
+        let (t, target, values): (usize, Option<usize>, Vec<usize>) =
+            (schema.place(Col::T)?, schema.place(Col::Target), values?);
+        let mut roles = vec![Role::Nothing; schema.width()];
+        roles[t] = Role::T;
+        target.into_iter().for_each(|column| roles[column] = Role::Target);
+        values.iter().enumerate().for_each(|(i, column)| roles[*column] = Role::Value(i));
+        let latency_s = self.options.latency_s.get(&kind).copied().unwrap_or(0.0);
+        Some(PlainRow { t, target, values, latency_s, roles })
     }
 }
 
@@ -308,6 +321,7 @@ impl TableSink for Rows<'_> {
             self.block.shape = wide;
         }
         self.plain = self.plain_row();
+        self.numbers = vec![0.0; self.plain.as_ref().map_or(0, |plain| plain.values.len())];
         Ok((0..names.len()).map(|i| self.schema.reads(i)).collect())
     }
 
@@ -321,6 +335,55 @@ impl TableSink for Rows<'_> {
             Err(RowError::Bad(error)) => self.skip(error),
             Err(RowError::Fatal(error)) => Err(error),
         }
+    }
+
+    #[inline]
+    fn line(&mut self, line: u64, text: &[u8]) -> Option<usize> {
+        let plain = self.plain.as_ref()?;
+        let is_ready = self.block.times.as_ref().is_some_and(|seen| !seen.form) && line < MOST_LINES;
+        if !is_ready || plain.roles.is_empty() {
+            return None;
+        }
+        let (mut at, mut t_s, mut name) = (0, 0.0, "");
+        let last = plain.roles.len() - 1;
+        for (i, role) in plain.roles.iter().enumerate() {
+            let rest = &text[at..];
+            let length = match role {
+                Role::Target => {
+                    let length = rest.iter().position(|b| matches!(b, b',' | b'\n'))?;
+                    name = std::str::from_utf8(&rest[..length]).ok()?;
+                    // White space around a name is none of it.
+                    if name.is_empty() || name.bytes().any(|b| b <= b' ' || b >= 0x7F) {
+                        return None;
+                    }
+                    length
+                }
+                Role::T | Role::Value(_) => {
+                    let (x, length) = leading(rest)?;
+                    if x.abs() > LARGEST {
+                        return None;
+                    }
+                    match role {
+                        Role::Value(i) => self.numbers[*i] = x + 0.0,
+                        _ => t_s = x + 0.0,
+                    }
+                    length
+                }
+                Role::Nothing => rest.iter().position(|b| matches!(b, b',' | b'\n'))?,
+            };
+            at += length;
+            if text.get(at) != Some(if i == last { &b'\n' } else { &b',' }) {
+                return None;
+            }
+            at += 1;
+        }
+        let id = self.lookup.id(&self.names, name);
+        if id as usize >= MOST_TARGETS {
+            return None;
+        }
+        self.block.shape.push_plain(id, line, t_s - plain.latency_s, &self.numbers, &mut self.block.words);
+        self.block.counts.rows += 1;
+        Some(at)
     }
 
     fn malformed(&mut self, error: BuildError) -> Result<(), BuildError> {
@@ -342,7 +405,7 @@ impl Part for Rows<'_> {
             names: self.names.clone(),
             lookup: Lookup::default(),
             plain: self.plain.clone(),
-            numbers: Vec::new(),
+            numbers: self.numbers.clone(),
             block,
             ..*self
         }

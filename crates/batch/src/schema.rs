@@ -98,6 +98,11 @@ impl<'a> Schema<'a> {
         self.known[col as usize]
     }
 
+    /// Number of columns of the file.
+    pub fn width(&self) -> usize {
+        self.names.len()
+    }
+
     /// Whether the time index of a linear row is its number among the rows of its target.
     pub fn numbers_rows(&self) -> bool {
         !self.has(Col::K) && !self.has(Col::T)

@@ -302,6 +302,18 @@ impl Merge {
             }
             let Some(first) = first else { return Ok(true) };
             let (shape, to) = (self.cursors[first].shape, self.shape);
+            if second.is_none() && shape == to {
+                // Nothing stands between: all that is at hand of the target at once.
+                let cursor = &mut self.cursors[first];
+                let rest = cursor.words[cursor.at..].chunks_exact(shape.width);
+                let count = rest.take(left).take_while(|r| record::target(r) == target).count();
+                let end = cursor.at + count * shape.width;
+                out.extend_from_slice(&cursor.words[cursor.at..end]);
+                left -= count;
+                cursor.at = end - shape.width;
+                cursor.step(self.file.as_mut())?;
+                continue;
+            }
             loop {
                 let Some(r) = self.cursors[first].head().filter(|r| record::target(r) == target) else { break };
                 if let Some(second) = second

@@ -141,6 +141,13 @@ impl Trail {
         (self.status[row] != Status::Unobservable).then(|| &self.cov[row * m..(row + 1) * m])
     }
 
+    /// The means of some rows, `n` values each, and their packed covariances; `None` when one of the rows is unobservable.
+    pub fn estimates(&self, rows: std::ops::Range<usize>) -> Option<(&[f64], &[f64])> {
+        let m = Self::packed_len(self.n);
+        let known = self.status[rows.clone()].iter().all(|status| *status != Status::Unobservable);
+        known.then(|| (&self.mean[rows.start * self.n..rows.end * self.n], &self.cov[rows.start * m..rows.end * m]))
+    }
+
     /// Entry (i, j) of the covariance at `row`.
     pub fn cov_at(&self, row: usize, i: usize, j: usize) -> Option<f64> {
         self.cov(row).map(|c| c[Self::packed_index(self.n, i.min(j), i.max(j))])

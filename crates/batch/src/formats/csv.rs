@@ -199,37 +199,38 @@ fn cut_rows<S: TableSink>(
 ) -> (u64, Result<(), BuildError>) {
     let (mut line, mut start, mut rows) = (first_line, 0, 0);
     let mut ends = Vec::with_capacity(columns);
-    let mut row = |start: usize, end: usize, line: u64, ends: &mut Vec<usize>| {
+    let bytes = text.as_bytes();
+    while start < bytes.len() {
+        if let Some(length) = sink.line(line, &bytes[start..]) {
+            (line, start, rows) = (line + 1, start + length, rows + 1);
+            continue;
+        }
+        let mut end = bytes.len();
+        for at in memchr2_iter(b',', b'\n', &bytes[start..]) {
+            if bytes[start + at] == b'\n' {
+                end = start + at;
+                break;
+            }
+            ends.push(at);
+        }
         ends.push(end - start);
-        let cells = Cells { line: &text[start..end], ends };
-        let result = if cells.ends.len() == columns {
+        let cells = Cells { line: &text[start..end], ends: &ends };
+        let result = if ends.len() == columns {
             rows += 1;
             sink.row(line, &cells)
-        } else if cells.ends.len() == 1 && cells.line.trim().is_empty() {
+        } else if ends.len() == 1 && cells.line.trim().is_empty() {
             Ok(())
         } else {
             rows += 1;
-            sink.malformed(wrong_count(file, line, cells.line, cells.ends.len(), columns))
+            sink.malformed(wrong_count(file, line, cells.line, ends.len(), columns))
         };
-        ends.clear();
-        result
-    };
-    let mut result = Ok(());
-    for at in memchr2_iter(b',', b'\n', text.as_bytes()) {
-        if text.as_bytes()[at] == b',' {
-            ends.push(at - start);
-            continue;
-        }
-        result = row(start, at, line, &mut ends);
         if result.is_err() {
-            break;
+            return (rows, result);
         }
-        (line, start) = (line + 1, at + 1);
+        ends.clear();
+        (line, start) = (line + 1, end + 1);
     }
-    if result.is_ok() && start < text.len() {
-        result = row(start, text.len(), line, &mut ends);
-    }
-    (rows, result)
+    (rows, Ok(()))
 }
 
 fn wrong_count(file: &Path, line: u64, text: &str, count: usize, columns: usize) -> BuildError {

@@ -14,33 +14,41 @@ const EXACT: u64 = 1 << 53;
 ///
 /// Both the digits and the power of ten are exact then, so the quotient, rounded once, is the f64 nearest to the text
 /// (Clinger 1990, the fast path).
-#[inline]
 pub(super) fn decimal(text: &[u8]) -> Option<f64> {
     let text = text.trim_ascii();
-    let (negative, digits) = match text {
-        [b'-', rest @ ..] => (true, rest),
-        _ => (false, text),
-    };
-    // 19 digits cannot overflow.
-    if digits.is_empty() || digits.len() > 19 {
-        return None;
-    }
-    let (mut whole, mut places, mut has_point) = (0_u64, 0_usize, false);
-    for byte in digits {
-        match byte {
-            b'0'..=b'9' => {
-                whole = whole * 10 + u64::from(byte - b'0');
-                places += usize::from(has_point);
-            }
-            b'.' if !has_point => has_point = true,
-            _ => return None,
+    let (value, length) = leading(text)?;
+    (length == text.len()).then_some(value)
+}
+
+/// The number at the beginning of `text` and its length, under the same conditions.
+#[inline]
+pub(crate) fn leading(text: &[u8]) -> Option<(f64, usize)> {
+    let negative = text.first() == Some(&b'-');
+    let start = usize::from(negative);
+    let (mut whole, mut at) = (0_u64, start);
+    let mut digits = |from: usize| {
+        let mut at = from;
+        while let Some(digit) = text.get(at).map(|byte| byte.wrapping_sub(b'0')).filter(|digit| *digit < 10) {
+            whole = whole.wrapping_mul(10).wrapping_add(u64::from(digit));
+            at += 1;
         }
+        at
+    };
+    at = digits(at);
+    let (mut places, mut has_point) = (0, 0);
+    if text.get(at) == Some(&b'.') {
+        has_point = 1;
+        let end = digits(at + 1);
+        places = end - at - 1;
+        at = end;
     }
-    if whole > EXACT || digits.len() == usize::from(has_point) {
+    let count = at - start - has_point;
+    // 19 digits cannot overflow.
+    if count == 0 || count > 19 || whole > EXACT {
         return None;
     }
     let value = whole as f64 / TENS[places];
-    Some(if negative { -value } else { value })
+    Some((if negative { -value } else { value }, at))
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 mod contained;
 mod csv;
-mod decimal;
+pub(crate) mod decimal;
 mod lines;
 mod ndjson;
 mod parquet;
@@ -37,6 +37,12 @@ pub(crate) trait TableSink {
 
     /// Takes a row; `line` is its line in a text file or its row in a Parquet file, from 1.
     fn row<R: Row>(&mut self, line: u64, row: &R) -> Result<(), BuildError>;
+
+    /// Takes the line at the beginning of `text` if it is a row of nothing but what almost every row is, and returns its bytes, the line feed
+    /// included; `None` says nothing of the line.
+    fn line(&mut self, _line: u64, _text: &[u8]) -> Option<usize> {
+        None
+    }
 
     /// Takes the news of a row that has no cells to speak of: the error to return, unless bad rows are skipped.
     fn malformed(&mut self, error: BuildError) -> Result<(), BuildError>;

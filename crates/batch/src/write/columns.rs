@@ -229,7 +229,7 @@ fn float<'a>(value: Option<f64>) -> OutCell<'a> {
 }
 
 /// A standard deviation out of a packed covariance; that of a variance that rounding has made negative is 0.
-fn sd(packed: &[f64], n: usize, i: usize) -> f64 {
+pub(super) fn sd(packed: &[f64], n: usize, i: usize) -> f64 {
     let var = packed[Trail::packed_index(n, i, i)];
     if var < 0.0 { 0.0 } else { var.sqrt() }
 }

@@ -2,10 +2,11 @@
 
 mod pages;
 
-use super::columns::{Column, ColumnKind, Columns, OutCell, Source};
+use super::columns::{self, Column, ColumnKind, Columns, OutCell, Source};
 use super::{Encoder, Piece, To, WriteError};
 use crate::table::TableMeta;
 use bytes::Bytes;
+use fixtrail_track::trail::Trail;
 use pages::Buffer;
 use parquet::column::writer::ColumnCloseResult;
 use parquet::errors::ParquetError;
@@ -125,31 +126,44 @@ pub(super) fn encode(encoder: &Encoder<'_>, pieces: &[Piece<'_>]) -> Result<Grou
 
 /// Appends the cells of a column.
 fn fill(encoder: &Encoder<'_>, column: &Column, piece: &Piece<'_>, buffer: &mut Buffer) -> Result<(), WriteError> {
-    let trail = &piece.target.trail;
-    let rows = piece.rows.clone();
-    let mut float = |row: usize, x: Option<f64>| match x {
-        Some(x) if !x.is_finite() => Err(encoder.columns.not_finite(encoder.file, column, piece.target, row)),
-        Some(x) => {
-            buffer.float(x);
-            Ok(())
+    let (trail, rows) = (&piece.target.trail, piece.rows.clone());
+    let n = trail.n();
+    let refused = |row: usize| encoder.columns.not_finite(encoder.file, column, piece.target, row);
+    // The columns that nearly all of a trail is in are copied as they are where no row lacks an estimate.
+    if let Some((means, covs)) = trail.estimates(rows.clone()).filter(|(means, _)| !means.is_empty()) {
+        let packed = Trail::packed_len(n);
+        let odd = match column.source {
+            Source::Mean(i) => Some(buffer.all_floats(means.chunks_exact(n).map(|mean| mean[i]))),
+            Source::Cov(i) => Some(buffer.all_floats(covs.chunks_exact(packed).map(|cov| cov[i]))),
+            Source::Sd(i) => Some(buffer.all_floats(covs.chunks_exact(packed).map(|cov| columns::sd(cov, n, i)))),
+            _ => None,
+        };
+        match odd {
+            Some(Some(odd)) => return Err(refused(rows.start + odd)),
+            Some(None) => return Ok(()),
+            None => {}
         }
-        None => {
-            buffer.absent();
-            Ok(())
-        }
-    };
-    // The columns that nearly all of a trail is in go without a look at what each cell is.
+    }
     match (column.source, &piece.target.target) {
         (Source::Target, Some(name)) => buffer.text(name, rows.len() as u32),
-        (Source::Status, _) => rows.for_each(|row| buffer.text(trail.status[row].name(), 1)),
-        (Source::Mean(i), _) => return { rows }.try_for_each(|row| float(row, trail.mean(row).map(|mean| mean[i]))),
-        (Source::Cov(i), _) => return { rows }.try_for_each(|row| float(row, trail.cov(row).map(|cov| cov[i]))),
-        (Source::Nis, _) => return { rows }.try_for_each(|row| float(row, trail.nis[row])),
+        (Source::Status, _) => {
+            let runs = trail.status[rows].chunk_by(|a, b| a == b);
+            runs.for_each(|run| buffer.text(run[0].name(), run.len() as u32));
+        }
+        (Source::Nis, _) => {
+            for row in rows {
+                match trail.nis[row] {
+                    Some(nis) if !nis.is_finite() => return Err(refused(row)),
+                    Some(nis) => buffer.float(nis),
+                    None => buffer.absent(),
+                }
+            }
+        }
         (source, _) => {
             for row in rows {
                 let cell = encoder.columns.cell(source, piece.target, row);
                 if matches!(cell, OutCell::Float(x) if !x.is_finite()) {
-                    return Err(encoder.columns.not_finite(encoder.file, column, piece.target, row));
+                    return Err(refused(row));
                 }
                 push(buffer, &cell);
             }

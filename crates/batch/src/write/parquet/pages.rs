@@ -96,6 +96,17 @@ impl Buffer {
         }
     }
 
+    /// Appends numbers to a column of such; the place of the first that is not finite, if there is one.
+    pub fn all_floats(&mut self, numbers: impl ExactSizeIterator<Item = f64>) -> Option<usize> {
+        let Values::Floats(v) = &mut self.values else { return None };
+        let (from, count) = (v.len(), numbers.len());
+        v.extend(numbers);
+        self.levels.push(1, count as u32);
+        // A sum of what is not finite is not: one look for many numbers.
+        let all = v[from..].iter().fold(0.0, |sum, x| sum + x * 0.0);
+        if all == 0.0 { None } else { v[from..].iter().position(|x| !x.is_finite()) }
+    }
+
     /// Appends a whole number to a column of such.
     #[inline]
     pub fn int(&mut self, i: i64) {
@@ -142,7 +153,7 @@ impl Buffer {
             Values::Floats(v) => {
                 page.extend_from_slice(bytemuck::cast_slice(v));
                 // By the format the smallest of zeros is written as -0, the largest as +0.
-                let (low, high) = v.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
+                let (low, high) = range(v);
                 let zero = |x: f64, zero: f64| if x == 0.0 { zero } else { x };
                 let some = |x: f64| (!v.is_empty()).then_some(x);
                 Statistics::double(some(zero(low, -0.0)), some(zero(high, 0.0)), None, nulls, false)
@@ -169,6 +180,22 @@ impl Buffer {
         };
         write(column, (page, rows), dictionary, statistics)
     }
+}
+
+/// The smallest and the largest of finite numbers.
+fn range(numbers: &[f64]) -> (f64, f64) {
+    // Several at a time: one after the other each would wait for the one before.
+    let (mut low, mut high) = ([f64::INFINITY; 8], [f64::NEG_INFINITY; 8]);
+    let chunks = numbers.chunks_exact(8);
+    let rest = chunks.remainder();
+    for chunk in chunks {
+        for i in 0..8 {
+            low[i] = if chunk[i] < low[i] { chunk[i] } else { low[i] };
+            high[i] = if chunk[i] > high[i] { chunk[i] } else { high[i] };
+        }
+    }
+    let all = |lanes: [f64; 8], pick: fn(f64, f64) -> f64| lanes.iter().chain(rest).copied().fold(lanes[0], pick);
+    (all(low, f64::min), all(high, f64::max))
 }
 
 /// Frames the pages of a column chunk. They are packed where that makes them smaller by a tenth.
