@@ -118,6 +118,10 @@ fn a_range_to_where_the_target_is_moves_nothing() {
     let here = [belief.mean[0], belief.mean[1]];
     let (next, s) = belief.range(&here, 3.0, 0.5);
     assert_eq!((next, s), (belief, 0.5));
+    // Nor where rounding gives a direction, however little is known.
+    let mut vague = Packed::<f64, 5> { mean: [0.0; 5], cov: belief.cov.map(|row| row.map(|p| 1e12 * p)) };
+    vague.mean[0] = 5e-10;
+    assert_eq!(vague.range(&[0.0; 2], 3.0, 0.01).0, vague);
 }
 
 #[test]
