@@ -5,6 +5,7 @@ use crate::race::{Contender, Settings, race};
 use fixtrail_core::estimators::fms::Align;
 use fixtrail_core::estimators::fms::gain::Shape;
 use fixtrail_core::estimators::fms::invariant::{InvariantWindow, Model};
+use fixtrail_core::kernels::Sliding;
 use fixtrail_core::models::FmsPaper;
 use fixtrail_core::storage::Fixed;
 use fixtrail_core::{Matrix, Vector};
@@ -75,6 +76,19 @@ fn multiply<const ROWS: usize>(gain: &Matrix<ROWS, WINDOW>, z: &[[f64; 1]], out:
     }
 }
 
+/// Pushes a series into a window, one measurement at a time.
+fn glide<const ROWS: usize>(gain: &Matrix<ROWS, WINDOW>, z: &[f64], out: &mut [[f64; ROWS]]) {
+    let mut window = Sliding::new(&columns(gain));
+    let mut out = out.iter_mut();
+    for z in z {
+        if let Some(estimate) = window.push(*z)
+            && let Some(out) = out.next()
+        {
+            *out = estimate;
+        }
+    }
+}
+
 /// A gain, measurement by measurement.
 fn columns<const ROWS: usize>(gain: &Matrix<ROWS, WINDOW>) -> [[f64; ROWS]; WINDOW] {
     std::array::from_fn(|j| gain.column(j).into())
@@ -99,6 +113,9 @@ pub fn paper(settings: &Settings) -> Result<(), String> {
             let out = out.as_chunks_mut::<3>().0;
             slide(&paper, 0, &z, |at, newest, _| out[at] = newest.into());
         }),
+        Contender::new("fixtrail, sliding gain", |out| {
+            glide(&filter, z.as_flattened(), out.as_chunks_mut::<3>().0);
+        }),
         Contender::new("fixtrail, a whole series", |out| {
             fixtrail_lanes::convolve(&columns(&filter), z.as_flattened(), out.as_chunks_mut::<3>().0);
         }),
@@ -112,6 +129,9 @@ pub fn paper(settings: &Settings) -> Result<(), String> {
                 out[at][..3].copy_from_slice(newest.as_slice());
                 out[at][3..].copy_from_slice(lagged.as_slice());
             });
+        }),
+        Contender::new("fixtrail, sliding gain", |out| {
+            glide(&both, z.as_flattened(), out.as_chunks_mut::<6>().0);
         }),
         Contender::new("fixtrail, a whole series", |out| {
             fixtrail_lanes::convolve(&columns(&both), z.as_flattened(), out.as_chunks_mut::<6>().0);

@@ -6,9 +6,9 @@ use adskalman::{
     CovarianceUpdateMethod, KalmanFilterNoControl, ObservationModel, StateAndCovariance, TransitionModelLinearNoControl,
 };
 use fixtrail_core::estimators::kalman::{Robust, predict, update};
-use fixtrail_core::kernels::{Axes, Chain, Leap, series};
+use fixtrail_core::kernels::{Axes, Chain, Dense, Leap, Packed, series};
 use fixtrail_core::models::{Integrators, Linear};
-use fixtrail_core::sensors::{linear, position};
+use fixtrail_core::sensors::{self, position};
 use fixtrail_core::{Belief, Matrix, Vector};
 use kfilter::kalman::{Kalman, KalmanFilter, KalmanPredict, KalmanUpdate};
 use kfilter::measurement::{LinearMeasurement, Measurement};
@@ -17,22 +17,27 @@ use nalgebra::{Const, DimMin};
 use nalgebra34::{SMatrix as Matrix34, SVector as Vector34};
 
 /// A model, complete.
-struct Problem<const N: usize, const Q: usize> {
+pub struct Problem<const N: usize, const Q: usize> {
     integrators: Integrators<N>,
     dt_s: f64,
     a: Matrix<N, N>,
     q: Matrix<N, N>,
     c: Matrix<Q, N>,
-    var_m2: f64,
-    prior: Belief<N>,
+    pub var_m2: f64,
+    pub prior: Belief<N>,
 }
 
 impl<const N: usize, const Q: usize> Problem<N, Q> {
     /// The first `Q` components of a chain of integrators, measured every `dt_s` seconds.
-    fn new(integrators: Integrators<N>, dt_s: f64, sd_m: f64) -> Self {
+    pub fn new(integrators: Integrators<N>, dt_s: f64, sd_m: f64) -> Self {
         let leap = integrators.leap(&Vector::zeros(), dt_s);
         let prior = Belief { mean: Vector::zeros(), cov: Matrix::identity() * 25.0 };
         Problem { integrators, dt_s, a: leap.f, q: leap.q, c: Matrix::identity(), var_m2: sd_m * sd_m, prior }
+    }
+
+    pub fn transposed(&self) -> Transposed<N, Q> {
+        let r = Matrix::identity() * self.var_m2;
+        Transposed { f: self.a, ft: self.a.transpose(), q: self.q, h: self.c, ht: self.c.transpose(), r }
     }
 }
 
@@ -47,7 +52,8 @@ struct Given<'a, const N: usize, const Q: usize> {
 impl<const N: usize, const Q: usize> Stepper<N, Q> for Given<'_, N, Q> {
     fn step(&mut self, z: &[f64; Q]) -> [f64; N] {
         let prior = predict(&self.belief, &self.motion.leap(&self.belief.mean, &Vector::zeros()));
-        let rows = std::array::from_fn::<_, Q, _>(|i| linear(&self.c[i], &prior.mean, z[i], self.problem.var_m2));
+        let rows =
+            std::array::from_fn::<_, Q, _>(|i| sensors::linear(&self.c[i], &prior.mean, z[i], self.problem.var_m2));
         (self.belief, _) = update(&prior, &rows, Robust::None).expect("a sound model and finite data");
         self.belief.mean.into()
     }
@@ -104,7 +110,7 @@ struct Adskalman<const N: usize, const Q: usize> {
 }
 
 /// A model as adskalman wants it: each matrix with its transpose.
-struct Transposed<const N: usize, const Q: usize> {
+pub struct Transposed<const N: usize, const Q: usize> {
     f: Matrix<N, N>,
     ft: Matrix<N, N>,
     q: Matrix<N, N>,
@@ -144,9 +150,7 @@ where
 
 impl<const N: usize, const Q: usize> Adskalman<N, Q> {
     fn new(p: &Problem<N, Q>, method: CovarianceUpdateMethod) -> Self {
-        let r = Matrix::identity() * p.var_m2;
-        let model = Transposed { f: p.a, ft: p.a.transpose(), q: p.q, h: p.c, ht: p.c.transpose(), r };
-        Adskalman { model, method, state: StateAndCovariance::new(p.prior.mean, p.prior.cov) }
+        Adskalman { model: p.transposed(), method, state: StateAndCovariance::new(p.prior.mean, p.prior.cov) }
     }
 }
 
@@ -179,7 +183,19 @@ where
         problem: p,
         belief: p.prior,
     };
+    let motion = Dense::new(&p.a, &p.q);
+    let rows: [[f64; N]; Q] = std::array::from_fn(|i| p.c.row(i).transpose().into());
     let contenders = [
+        Contender::stepping("fixtrail, general kernel, step by step", z, move || General {
+            motion,
+            rows,
+            var: p.var_m2,
+            belief: Packed::of(&p.prior),
+        }),
+        Contender::new("fixtrail, general kernel, series", move |out| {
+            let problem = fixtrail_lanes::Linear { motion, rows, vars: [p.var_m2; Q], start: Packed::of(&p.prior) };
+            fixtrail_lanes::linear(&problem, z.as_flattened(), z.len(), out);
+        }),
         Contender::stepping("fixtrail", z, given),
         Contender::stepping("fixtrail, discretising each step", z, || Leaping { problem: p, belief: p.prior }),
         Contender::stepping("kfilter 0.5", z, || Kfilter::new(p)),
@@ -191,6 +207,28 @@ where
     let mut all = contenders.into();
     more(&mut all);
     race(title, N, settings, &all)
+}
+
+/// The kernel of any linear model, called for each step.
+struct General<const N: usize, const Q: usize> {
+    motion: Dense<f64, N>,
+    rows: [[f64; N]; Q],
+    var: f64,
+    belief: Packed<f64, N>,
+}
+
+impl<const N: usize, const Q: usize> Stepper<N, Q> for General<N, Q> {
+    fn step(&mut self, z: &[f64; Q]) -> [f64; N] {
+        let mut next = self.belief.predict(&self.motion);
+        let mut least = f64::INFINITY;
+        for (row, z) in self.rows.iter().zip(z) {
+            let s;
+            (next, s) = next.measure(row, *z, self.var);
+            least = least.min(s);
+        }
+        self.belief = next.checked(least).expect("finite data");
+        self.belief.mean
+    }
 }
 
 /// The kernel of a chain of integrators, called for each step.

@@ -107,7 +107,7 @@ fn print(title: &str, times: &[Times]) {
     for line in times {
         let ratios: Vec<f64> = line.ns.iter().zip(&times[0].ns).map(|(a, b)| a / b).collect();
         let [low, median, high] = [0.25, 0.5, 0.75].map(|p| quantile(&line.ns, p));
-        println!("  {:<52} {median:>8.1}   {low:>7.1} {high:>7.1}  {:>6.2}", line.name, quantile(&ratios, 0.5));
+        println!("  {:<52} {median:>8.1}   {low:>7.1} {high:>7.1}  {:>6.3}", line.name, quantile(&ratios, 0.5));
     }
 }
 

@@ -4,6 +4,7 @@ use crate::input::{measured, path_m};
 use crate::race::{Contender, Settings, Stepper, race};
 use adskalman::{CovarianceUpdateMethod, ObservationModel, StateAndCovariance, TransitionModelLinearNoControl};
 use fixtrail_core::estimators::kalman::{Robust, predict, update};
+use fixtrail_core::kernels::{Packed, Turn};
 use fixtrail_core::models::CoordinatedTurn;
 use fixtrail_core::sensors::range;
 use fixtrail_core::{Belief, Matrix, Vector};
@@ -30,6 +31,23 @@ impl Stepper<5, 1> for Fixtrail {
         (self.belief, _) = update(&prior, &[row], Robust::None).expect("a sound model and finite data");
         self.k += 1;
         self.belief.mean.into()
+    }
+}
+
+/// The kernel, called for each step.
+struct Kernel {
+    motion: Turn<f64>,
+    belief: Packed<f64, 5>,
+    k: usize,
+}
+
+impl Stepper<5, 1> for Kernel {
+    fn step(&mut self, z: &[f64; 1]) -> [f64; 5] {
+        let [x, y, _] = ANCHORS_M[self.k % 4];
+        let (next, s) = self.belief.predict(&self.motion).range(&[x, y], z[0], VAR_M2);
+        self.belief = next.checked(s).expect("a sound model and finite data");
+        self.k += 1;
+        self.belief.mean
     }
 }
 
@@ -230,36 +248,96 @@ impl Stepper<5, 1> for Adskalman {
     }
 }
 
-/// Coordinated turn every 0.1 s.
-pub fn range_only(settings: &Settings) -> Result<(), String> {
-    let motion = CoordinatedTurn::new([0.1, 0.1], 0.01).map_err(|e| e.to_string())?;
-    // One round a minute.
-    let truth = |k: usize| path_m((k + 1) as f64 * DT_S / 60.0);
-    let z = measured(settings.steps, settings.seed, VAR_M2.sqrt(), |k| {
-        let ([x, y], [ax, ay, _]) = (truth(k), ANCHORS_M[k % 4]);
+/// Distances along the path from step `first` on, one round a minute, and where a filter of them starts.
+fn ranged(steps: usize, seed: u64, first: usize) -> (Vec<[f64; 1]>, Belief<5>) {
+    let truth = |k: usize| path_m((first + k) as f64 * DT_S / 60.0);
+    let z = measured(steps, seed, VAR_M2.sqrt(), |k| {
+        let ([x, y], [ax, ay, _]) = (truth(k + 1), ANCHORS_M[k % 4]);
         [(x - ax).hypot(y - ay)]
     });
-    let ([x, y], [x1, y1]) = (path_m(0.0), truth(0));
+    let ([x, y], [x1, y1]) = (truth(0), truth(1));
     let mean = Vector::from([x + 0.5, y - 0.5, (x1 - x) / DT_S, (y1 - y) / DT_S, 0.01]);
-    let prior = Belief { mean, cov: Matrix::from_diagonal(&Vector::from([1.0, 1.0, 1.0, 1.0, 0.05])) };
-    let q = motion.leap(&mean, DT_S).q;
-    let kfilter = || {
-        let system = TurnSystem {
-            x: Vector34::from_column_slice(mean.as_slice()),
-            f: Matrix34::zeros(),
-            ft: Matrix34::zeros(),
-            q: Matrix34::from_column_slice(q.as_slice()),
-        };
-        Kfilter { filter: Kalman::new_custom(system, Matrix34::from_column_slice(prior.cov.as_slice())), k: 0 }
+    (z, Belief { mean, cov: Matrix::from_diagonal(&Vector::from([1.0, 1.0, 1.0, 1.0, 0.05])) })
+}
+
+fn turning() -> Result<CoordinatedTurn, String> {
+    CoordinatedTurn::new([0.1, 0.1], 0.01).map_err(|e| e.to_string())
+}
+
+fn kfilter(start: &Belief<5>, q: &Matrix<5, 5>) -> Kfilter {
+    let system = TurnSystem {
+        x: Vector34::from_column_slice(start.mean.as_slice()),
+        f: Matrix34::zeros(),
+        ft: Matrix34::zeros(),
+        q: Matrix34::from_column_slice(q.as_slice()),
     };
+    Kfilter { filter: Kalman::new_custom(system, Matrix34::from_column_slice(start.cov.as_slice())), k: 0 }
+}
+
+/// Coordinated turn every 0.1 s.
+pub fn range_only(settings: &Settings) -> Result<(), String> {
+    let motion = turning()?;
+    let (z, prior) = ranged(settings.steps, settings.seed, 0);
+    let mean = prior.mean;
+    let q = motion.leap(&mean, DT_S).q;
     let adskalman = |method| Adskalman { state: StateAndCovariance::new(mean, prior.cov), method, q, k: 0 };
     let contenders = [
+        Contender::stepping("fixtrail, kernel, step by step", &z, || Kernel {
+            motion: Turn::new(&motion, DT_S),
+            belief: Packed::of(&prior),
+            k: 0,
+        }),
         Contender::stepping("fixtrail", &z, || Fixtrail { motion, belief: prior, k: 0 }),
-        Contender::stepping("kfilter 0.5", &z, kfilter),
+        Contender::stepping("kfilter 0.5", &z, || kfilter(&prior, &q)),
         Contender::stepping("adskalman 0.18, Joseph form", &z, || adskalman(CovarianceUpdateMethod::JosephForm)),
         Contender::stepping("adskalman 0.18, short form", &z, || {
             adskalman(CovarianceUpdateMethod::OptimalKalmanForcedSymmetric)
         }),
     ];
     race("ekf, coordinated turn and range, n=5 q=1", 5, settings, &contenders)
+}
+
+/// Many tracks of the same.
+pub fn many(settings: &Settings) -> Result<(), String> {
+    const STEPS: usize = 800;
+    let tracks = (settings.steps / STEPS).max(8);
+    let motion = turning()?;
+    let (mut z, mut starts) = (Vec::new(), Vec::new());
+    for track in 0..tracks {
+        let (one, start) = ranged(STEPS, settings.seed + track as u64, 37 * track);
+        z.extend(one);
+        starts.push(start);
+    }
+    let packed: Vec<_> = starts.iter().map(Packed::of).collect();
+    let anchors_m = ANCHORS_M.map(|[x, y, _]| [x, y]);
+    let ranging = fixtrail_lanes::Ranging { motion: Turn::new(&motion, DT_S), anchors_m: &anchors_m, var: VAR_M2 };
+    let q = motion.leap(&starts[0].mean, DT_S).q;
+    let (z, starts) = (&z, &starts);
+    let contenders = [
+        Contender::new("fixtrail, tracks side by side", |out| {
+            fixtrail_lanes::range(&ranging, &packed, z.as_flattened(), STEPS, out);
+        }),
+        Contender::new("kfilter 0.5", |out| {
+            let tracks = z.chunks(STEPS).zip(out.chunks_mut(STEPS * 5));
+            for (start, (z, out)) in starts.iter().zip(tracks) {
+                let mut filter = kfilter(start, &q);
+                for (z, out) in z.iter().zip(out.as_chunks_mut::<5>().0) {
+                    *out = filter.step(z);
+                }
+            }
+        }),
+        Contender::new("adskalman 0.18, short form", |out| {
+            let tracks = z.chunks(STEPS).zip(out.chunks_mut(STEPS * 5));
+            for (start, (z, out)) in starts.iter().zip(tracks) {
+                let state = StateAndCovariance::new(start.mean, start.cov);
+                let mut filter =
+                    Adskalman { state, method: CovarianceUpdateMethod::OptimalKalmanForcedSymmetric, q, k: 0 };
+                for (z, out) in z.iter().zip(out.as_chunks_mut::<5>().0) {
+                    *out = filter.step(z);
+                }
+            }
+        }),
+    ];
+    let title = format!("ekf, {tracks} tracks x {STEPS}, coordinated turn and range");
+    race(&title, 5, &Settings { steps: tracks * STEPS, ..*settings }, &contenders)
 }

@@ -8,18 +8,26 @@
 //! timed part.
 
 use fixtrail_core::Belief;
-use fixtrail_core::kernels::{Axes, Chain, Leap, Past, series, smooth};
+use fixtrail_core::estimators::fms::Align;
+use fixtrail_core::estimators::fms::gain::Shape;
+use fixtrail_core::estimators::fms::invariant::{InvariantWindow, Model};
+use fixtrail_core::kernels::{Axes, Chain, FixedLag, Leap, Packed, Past, Turn, series, smooth};
+use fixtrail_core::storage::Fixed;
 use nalgebra::SMatrix;
 use std::hint::black_box;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
 
-const USAGE: &str = "usage: peer-bench W1|W2|W2L|W3|W4|W4b|W6 --data DIR [--reps N]";
+const USAGE: &str = "usage: peer-bench W1|W2|W2L|W3|W4|W4b|W4L|W5|W6|W7 --data DIR [--reps N]";
 /// Steps of a track of W2.
 const TRACK: usize = 800;
 /// Steps that are smoothed.
 const SMOOTHED: usize = 200_000;
+/// Steps that a fixed lag stands behind the newest.
+const LAG: usize = 5;
+/// Measurements of a finite-memory window.
+const WINDOW: usize = 15;
 /// Steps left out of the error at the start of each track.
 const SETTLING: usize = 50;
 
@@ -31,13 +39,15 @@ struct Data {
     truth: Vec<f64>,
 }
 
+/// The numbers of a file.
+fn numbers(path: &Path) -> Result<Vec<f64>, String> {
+    let bytes = std::fs::read(path).map_err(|e| format!("{}: {e}", path.display()))?;
+    Ok(bytes.as_chunks::<8>().0.iter().map(|b| f64::from_le_bytes(*b)).collect())
+}
+
 impl Data {
     fn read(folder: &Path, name: &str) -> Result<Data, String> {
-        let of = |kind: &str| {
-            let path = folder.join(format!("{name}.{kind}"));
-            let bytes = std::fs::read(&path).map_err(|e| format!("{}: {e}", path.display()))?;
-            Ok::<Vec<f64>, String>(bytes.as_chunks::<8>().0.iter().map(|b| f64::from_le_bytes(*b)).collect())
-        };
+        let of = |kind: &str| numbers(&folder.join(format!("{name}.{kind}")));
         Ok(Data { model: of("model")?, z: of("z")?, truth: of("x")? })
     }
 
@@ -73,13 +83,25 @@ impl Data {
         (Leap::with_noise(dt_s, &of(noise)), start, self.at(var, q, axis, axis))
     }
 
+    /// The start and Q of the whole state, and the variance of the first component of a measurement.
+    fn whole<const N: usize>(&self) -> (Belief<N>, SMatrix<f64, N, N>, f64) {
+        let q = self.q();
+        let (noise, var) = (N * N + q * N, 2 * N * N + q * N);
+        let (mean, cov) = (var + q * q, var + q * q + N);
+        let matrix = |before| SMatrix::from_fn(|i, j| self.at(before, N, i, j));
+        let mean = std::array::from_fn::<f64, N, _>(|i| self.at(mean, 1, i, 0)).into();
+        (Belief { mean, cov: matrix(cov) }, matrix(noise), self.at(var, q, 0, 0))
+    }
+
     /// Root mean square position error, the first steps of each track left out.
     fn rmse(&self, estimates: &[f64], steps: usize) -> f64 {
-        let (n, q) = (self.n(), self.q());
+        let n = self.n();
+        // One axis, or the plane.
+        let axes = if n == 3 { 1 } else { 2 };
         let (mut sum, mut count) = (0.0, 0);
         for (k, (e, x)) in estimates.chunks(n).zip(self.truth.chunks(n)).enumerate() {
             if k % steps >= SETTLING.min(steps - 1) {
-                sum += (0..q).map(|i| (e[i] - x[i]).powi(2)).sum::<f64>();
+                sum += (0..axes).map(|i| (e[i] - x[i]).powi(2)).sum::<f64>();
                 count += 1;
             }
         }
@@ -109,16 +131,16 @@ fn whole(reps: usize, len: usize, n: usize, mut all: impl FnMut(&mut [f64])) -> 
 
 fn run(workload: &str, folder: &Path, reps: usize) -> Result<String, String> {
     let base = match workload {
-        "W4" | "W6" => "W1",
+        "W4" | "W4L" | "W6" | "W7" => "W1",
         "W4b" => "W3",
-        "W1" | "W2" | "W2L" | "W3" => workload,
+        "W1" | "W2" | "W2L" | "W3" | "W5" => workload,
         _ => return Err(format!("there is no workload `{workload}`")),
     };
     let mut data = Data::read(folder, base)?;
     let (n, q) = (data.n(), data.q());
     let steps = match workload {
         "W2" | "W2L" => TRACK,
-        "W4" | "W4b" => SMOOTHED.min(data.z.len() / q),
+        "W4" | "W4b" | "W4L" => SMOOTHED.min(data.z.len() / q),
         _ => data.z.len() / q,
     };
     if workload.starts_with("W4") {
@@ -172,6 +194,50 @@ fn run(workload: &str, folder: &Path, reps: usize) -> Result<String, String> {
                         (out[axis], out[axis + 2]) = (mean[0], mean[1]);
                     }
                 }
+            })
+        }
+        "W4L" => {
+            let (leap, start, var) = data.chain::<3>(0);
+            whole(reps, len, n, |out| {
+                let mut lagged = FixedLag::<3, LAG>::new(&Chain::of(&start));
+                let (out, _) = out.as_chunks_mut::<3>();
+                for (k, z) in data.z.iter().enumerate() {
+                    lagged.push(&leap, var, *z);
+                    // The last few have no measurements that far behind: they are as filtered.
+                    out[k] = lagged.filtered().mean;
+                    if k >= LAG {
+                        out[k - LAG] = lagged.mean().unwrap_or_default();
+                    }
+                }
+            })
+        }
+        "W5" => {
+            let (start, q, var) = data.whole::<5>();
+            let motion = Turn::with_noise(data.at(0, 5, 0, 1), &q);
+            let anchors = numbers(&folder.join("W5.anchors"))?;
+            let (anchors_m, _) = anchors.as_chunks::<2>();
+            whole(reps, len, n, |out| {
+                let mut belief = Packed::of(&start);
+                for (k, (z, out)) in data.z.iter().zip(out.as_chunks_mut::<5>().0).enumerate() {
+                    let (next, s) = belief.predict(&motion).range(&anchors_m[k % anchors_m.len()], *z, var);
+                    belief = next.checked(s).unwrap_or(belief);
+                    *out = belief.mean;
+                }
+            })
+        }
+        "W7" => {
+            let (_, w, var) = data.whole::<3>();
+            let a = SMatrix::from_fn(|i, j| data.at(0, 3, i, j));
+            let c = std::array::from_fn::<f64, 3, _>(|i| data.at(9, 3, 0, i)).into();
+            let model = Model { a: &a, w: &w, b: &[], c: &[c], r: &[var] };
+            let shape = Shape { window: WINDOW, lag: 0, align: Align::Predicted };
+            let window = InvariantWindow::<3, Fixed<{ 2 * WINDOW }>>::new(&model, shape).map_err(|e| e.to_string())?;
+            let designed = window.gain().ok_or("the window does not determine the state")?;
+            let gain: [[f64; 3]; WINDOW] = std::array::from_fn(|j| designed.z[j].0.into());
+            // From the measurements before it: the first windows are not whole, and the last measurement is in none.
+            let series = &data.z[..steps - 1];
+            whole(reps, len, n, |out| {
+                fixtrail_lanes::convolve(&gain, series, &mut out.as_chunks_mut::<3>().0[WINDOW..])
             })
         }
         _ => {

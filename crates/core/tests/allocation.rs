@@ -21,7 +21,8 @@ use fixtrail_core::estimators::lmvf::Lmvf;
 use fixtrail_core::estimators::ufir::Ufir;
 use fixtrail_core::graph::schedule::Chain;
 use fixtrail_core::graph::{ARITY, Factor, Graph, Message};
-use fixtrail_core::models::{FmsPaper, Switching};
+use fixtrail_core::kernels::{self, Axes, Dense, FixedLag, Leap, Packed, Past, Sliding, Turn};
+use fixtrail_core::models::{CoordinatedTurn, FmsPaper, Switching};
 use fixtrail_core::sensors::range;
 use fixtrail_core::{Belief, Matrix, Row, Transition, Vector};
 use oracle::fixed::Heap;
@@ -158,6 +159,41 @@ fn invariant_windows_do_not_allocate() {
             });
         }
     }
+}
+
+#[test]
+fn kernels_do_not_allocate() {
+    let (paper, leap) = paper();
+    let start = Belief { mean: Vector::zeros(), cov: Matrix::identity() };
+    let z = |k: usize| if k % 9 == 4 { f64::NAN } else { (k as f64 * 0.3).sin() };
+
+    let (motion, mut chain) = (Leap::new(0.1, 0.5), kernels::Chain::of(&start));
+    let mut axes = Axes { means: [chain.mean; 2], cov: chain.cov };
+    let (given, mut dense) = (Dense::from(&leap), Packed::of(&start));
+    let mut lagged = FixedLag::<3, 5>::new(&chain);
+    let mut sliding = Sliding::new(&[[0.1; 3]; 15]);
+    assert_silent("linear kernels", |k| {
+        chain = chain.predict(&motion).checked_update(z(k), 1.0).unwrap().0;
+        axes = axes.predict(&motion).update(&[z(k); 2], 1.0);
+        let (next, s) = dense.predict(&given).measure(&paper.c.into(), z(k), paper.r);
+        dense = next.checked(s).unwrap();
+        lagged.push(&motion, 1.0, z(k));
+        std::hint::black_box((lagged.mean(), lagged.cov(), sliding.push(z(k))));
+    });
+
+    let turning = Turn::new(&CoordinatedTurn::new([0.1; 2], 0.01).unwrap(), 0.1);
+    let mut turn = Packed::of(&Belief { mean: Vector::<5>::zeros(), cov: Matrix::identity() });
+    assert_silent("turn and range", |k| {
+        let (next, s) = turn.predict(&turning).range(&[20.0, 30.0 * z(k % 4)], 36.0 + z(k), 0.1);
+        turn = next.checked(s).unwrap();
+    });
+
+    let series: Vec<f64> = (0..100).map(z).collect();
+    let (mut past, mut out) = (vec![Past::EMPTY; 100], vec![[0.0; 3]; 100]);
+    assert_silent("series", |_| {
+        kernels::series(&chain, &motion, 1.0, &series, &mut out);
+        kernels::smooth(&chain, &motion, 1.0, &series, &mut past, &mut out);
+    });
 }
 
 #[test]

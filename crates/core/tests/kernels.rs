@@ -3,7 +3,7 @@
 mod splitmix;
 
 use fixtrail_core::estimators::kalman::{Robust, predict, update};
-use fixtrail_core::kernels::{Axes, Chain, Leap, Past, series, smooth, smooth_with};
+use fixtrail_core::kernels::{Axes, Chain, FixedLag, Leap, Past, series, smooth, smooth_with};
 use fixtrail_core::models::Integrators;
 use fixtrail_core::sensors::position;
 use fixtrail_core::{Belief, Matrix, StepError, Vector};
@@ -112,19 +112,19 @@ fn a_variance_that_is_none_is_refused_and_nothing_is_changed() {
     assert_eq!((next, s), (belief.update(1.0, 0.5).0, belief.cov[0][0] + 0.5));
 }
 
-/// Rauch, Tung and Striebel, written out with inverses.
+/// Rauch, Tung and Striebel, written out with inverses; `dt_s` is the interval before each step.
 fn rts<const N: usize>(
     start: &Belief<N>,
     general: &Integrators<N>,
-    dt_s: f64,
+    dt_s: impl Fn(usize) -> f64,
     var: f64,
     z: &[f64],
 ) -> Vec<(Vector<N>, Matrix<N, N>)> {
     let mut filtered = Vec::new();
     let mut priors = Vec::new();
     let mut belief = *start;
-    for z in z {
-        let prior = predict(&belief, &general.leap(&belief.mean, dt_s));
+    for (k, z) in z.iter().enumerate() {
+        let prior = predict(&belief, &general.leap(&belief.mean, dt_s(k)));
         belief = prior;
         if !z.is_nan() {
             belief = update(&prior, &[position(&prior.mean, 0, *z, var)], Robust::None).unwrap().0;
@@ -132,10 +132,10 @@ fn rts<const N: usize>(
         priors.push(prior);
         filtered.push(belief);
     }
-    let f = general.leap(&Vector::zeros(), dt_s).f;
     let mut out = vec![(belief.mean, belief.cov)];
     for k in (0..z.len() - 1).rev() {
         let (mean, cov) = out[out.len() - 1];
+        let f = general.leap(&Vector::zeros(), dt_s(k + 1)).f;
         let gain = filtered[k].cov * f.transpose() * priors[k + 1].cov.try_inverse().unwrap();
         out.push((
             filtered[k].mean + gain * (mean - priors[k + 1].mean),
@@ -155,7 +155,7 @@ fn smooths_as_rts<const N: usize>() {
         // Lost at both ends and in between.
         let lost = |k: usize| case % 2 == 1 && (k == 0 || k % 7 == 3 || k == 59 || (20..25).contains(&k));
         let z: Vec<f64> = (0..60).map(|k| if lost(k) { f64::NAN } else { 10.0 * random.unit() }).collect();
-        let theirs = rts(&belief, &general, dt_s, var, &z);
+        let theirs = rts(&belief, &general, |_| dt_s, var, &z);
         let mut past = vec![Past::EMPTY; z.len()];
         let mut ours = vec![[0.0; N]; z.len()];
         let mut seen = 0;
@@ -188,6 +188,44 @@ fn the_smoother_without_inverses_is_the_one_with_them() {
     smooths_as_rts::<1>();
     smooths_as_rts::<2>();
     smooths_as_rts::<3>();
+}
+
+fn lags_as_rts<const N: usize, const L: usize>() {
+    let mut random = Random(150 + (10 * N + L) as u64);
+    for case in 0..10 {
+        let (psd, var) = (random.decades(-1.0, 1.0), random.decades(-1.0, 1.0));
+        let general = Integrators::<N>::new(N, 1, [psd, 0.0, 0.0]).unwrap();
+        let belief = start::<N>(&mut random);
+        // Irregular, lost one by one and in a row longer than the lag.
+        let dt_s: [f64; 50] = core::array::from_fn(|_| random.decades(-0.5, 0.5));
+        let lost = |k: usize| case % 2 == 1 && (k == 0 || k % 7 == 3 || (20..28).contains(&k));
+        let z: Vec<f64> = (0..50).map(|k| if lost(k) { f64::NAN } else { 10.0 * random.unit() }).collect();
+        let mut ours = FixedLag::<N, L>::new(&Chain::of(&belief));
+        for k in 0..z.len() {
+            ours.push(&Leap::new(psd, dt_s[k]), var, z[k]);
+            assert_eq!(ours.mean().is_some(), k + 1 >= L, "step {k}");
+            if k < L {
+                continue;
+            }
+            let (mean, cov) = rts(&belief, &general, |k| dt_s[k], var, &z[..=k])[k - L];
+            let (ours_mean, ours_cov) = (ours.mean().unwrap(), ours.cov().unwrap());
+            for i in 0..N {
+                let off = (ours_mean[i] - mean[i]).abs() / cov[(i, i)].sqrt();
+                assert!(off < 1e-8, "case {case}, step {k}, mean {i}: {off:e}");
+                for j in i..N {
+                    let off = (ours_cov[i][j] - cov[(i, j)]).abs() / (cov[(i, i)] * cov[(j, j)]).sqrt();
+                    assert!(off < 1e-8, "case {case}, step {k}, cov {i} {j}: {off:e}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_fixed_lag_is_the_whole_smoother_of_what_came_so_far() {
+    lags_as_rts::<1, 3>();
+    lags_as_rts::<2, 1>();
+    lags_as_rts::<3, 5>();
 }
 
 #[test]

@@ -5,8 +5,13 @@
 //! machines, and the same as of each track alone ([`fixtrail_core::kernels::series`]).
 
 mod fir;
+mod linear;
+mod tiles;
 mod tracks;
+mod turns;
 mod wide;
 
 pub use fir::convolve;
+pub use linear::{Linear, linear};
 pub use tracks::{Problem, filter};
+pub use turns::{Ranging, range};

@@ -1,14 +1,10 @@
 //! Kalman filters of chains of integrators, many tracks side by side.
 
+use crate::tiles::tiles;
 use crate::wide::Wide;
 use fixtrail_core::Belief;
 use fixtrail_core::kernels::{Chain, Leap};
 use pulp::{Arch, Simd, WithSimd};
-
-/// Most tracks side by side: two registers of AVX-512.
-const MOST: usize = 16;
-/// Steps of a tile: what of the tracks is turned from rows to columns at a time.
-const TILE: usize = 8;
 
 /// What all tracks have in common.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,7 +48,7 @@ impl<const N: usize> WithSimd for Tracks<'_, N> {
         let mut z = z.chunks_exact(block);
         let mut out = out.chunks_exact_mut(block * N);
         for (z, out) in z.by_ref().zip(out.by_ref()) {
-            let lossless = !z.iter().any(|z| z.is_nan());
+            let lossless = complete(z);
             if lossless && gains.is_empty() {
                 gains = sequence(&leap, &start, problem.var, steps);
             }
@@ -69,6 +65,14 @@ impl<const N: usize> WithSimd for Tracks<'_, N> {
             }
         }
     }
+}
+
+/// Whether nothing is lost. Blocks without a branch, so that they are compared as wide as the machine can.
+#[inline(always)]
+fn complete(z: &[f64]) -> bool {
+    let lost = |z: &[f64]| z.iter().fold(false, |lost, z| lost | z.is_nan());
+    let (blocks, rest) = z.as_chunks::<64>();
+    !blocks.iter().any(|block| lost(block)) && !lost(rest)
 }
 
 /// Gains of a track without losses.
@@ -94,13 +98,13 @@ fn own<S: Simd, const N: usize>(
 ) {
     let splat = |value| Wide::splat(simd, value);
     let (leap, mut belief, var) = (leap.map(splat), start.map(splat), splat(var));
-    tiles::<S, N>(
+    tiles::<S, 1, N>(
         simd,
         z,
         steps,
         out,
         #[inline(always)]
-        |_, z| {
+        |_, [z]| {
             belief = belief.predict(&leap).update(z, var).0;
             belief.mean
         },
@@ -118,13 +122,13 @@ fn shared<S: Simd, const N: usize>(
 ) {
     let splat = |value| Wide::splat(simd, value);
     let (leap, mut mean) = (leap.map(splat), start.map(splat).mean);
-    tiles::<S, N>(
+    tiles::<S, 1, N>(
         simd,
         z,
         gains.len(),
         out,
         #[inline(always)]
-        |k, z| {
+        |k, [z]| {
             mean = leap.moved(&mean);
             let e = z - mean[0];
             for (mean, gain) in mean.iter_mut().zip(&gains[k]) {
@@ -133,55 +137,4 @@ fn shared<S: Simd, const N: usize>(
             mean
         },
     );
-}
-
-/// Turns measurements from tracks in rows to instants in rows and means back, a tile at a time; `step` takes the measurements of an instant.
-#[inline(always)]
-fn tiles<S: Simd, const N: usize>(
-    simd: S,
-    z: &[f64],
-    steps: usize,
-    out: &mut [f64],
-    mut step: impl FnMut(usize, Wide<S>) -> [Wide<S>; N],
-) {
-    let tracks = Wide::<S>::TRACKS;
-    let mut tile = [[f64::NAN; MOST]; TILE];
-    let mut means = [[[0.0; MOST]; N]; TILE];
-    let whole = steps / TILE * TILE;
-    for k in (0..whole).step_by(TILE) {
-        for track in 0..tracks {
-            // Of a length that the compiler knows, so that it unrolls.
-            let Some(row) = z[track * steps + k..].first_chunk::<TILE>() else { return };
-            for i in 0..TILE {
-                tile[i][track] = row[i];
-            }
-        }
-        for i in 0..TILE {
-            let mean = step(k + i, Wide::load(simd, &tile[i]));
-            for (mean, row) in mean.iter().zip(&mut means[i]) {
-                mean.store(row);
-            }
-        }
-        for track in 0..tracks {
-            let (rows, _) = out[(track * steps + k) * N..].as_chunks_mut::<N>();
-            let Some(rows) = rows.first_chunk_mut::<TILE>() else { return };
-            for i in 0..TILE {
-                for (out, mean) in rows[i].iter_mut().zip(&means[i]) {
-                    *out = mean[track];
-                }
-            }
-        }
-    }
-    for k in whole..steps {
-        for track in 0..tracks {
-            tile[0][track] = z[track * steps + k];
-        }
-        let mean = step(k, Wide::load(simd, &tile[0]));
-        for (i, mean) in mean.iter().enumerate() {
-            mean.store(&mut means[0][i]);
-            for track in 0..tracks {
-                out[(track * steps + k) * N + i] = means[0][i][track];
-            }
-        }
-    }
 }

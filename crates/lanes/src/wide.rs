@@ -4,8 +4,14 @@ use fixtrail_core::kernels::Real;
 use pulp::Simd;
 use std::ops::{Add, Mul, Sub};
 
-/// Registers side by side: while one waits for a division the other goes on.
+/// Registers side by side: while one waits for a division the others go on.
 pub const DEEP: usize = 2;
+
+/// Most numbers of a register: those of AVX-512.
+pub const MOST_LANES: usize = 8;
+
+/// Most tracks side by side.
+pub const MOST: usize = MOST_LANES * DEEP;
 
 /// `DEEP` registers of numbers, one number for each track.
 #[derive(Clone, Copy)]
@@ -14,6 +20,7 @@ pub struct Wide<S: Simd> {
     registers: [S::f64s; DEEP],
 }
 
+// Loops, not closures over arrays: what is not inlined loses the vector instructions that the caller was compiled for.
 impl<S: Simd> Wide<S> {
     /// Tracks side by side.
     pub const TRACKS: usize = DEEP * S::F64_LANES;
@@ -22,6 +29,18 @@ impl<S: Simd> Wide<S> {
     #[inline(always)]
     pub fn splat(simd: S, value: f64) -> Self {
         Wide { simd, registers: [simd.splat_f64s(value); DEEP] }
+    }
+
+    /// The registers of numbers.
+    #[inline(always)]
+    pub fn of(simd: S, registers: [S::f64s; DEEP]) -> Self {
+        Wide { simd, registers }
+    }
+
+    /// The registers.
+    #[inline(always)]
+    pub fn registers(self) -> [S::f64s; DEEP] {
+        self.registers
     }
 
     /// A number for each track from the first of `row`.
@@ -39,9 +58,22 @@ impl<S: Simd> Wide<S> {
     }
 
     #[inline(always)]
-    fn each(self, other: Self, f: impl Fn(S, S::f64s, S::f64s) -> S::f64s) -> Self {
-        let ([a, b], [c, d]) = (self.registers, other.registers);
-        Wide { simd: self.simd, registers: [f(self.simd, a, c), f(self.simd, b, d)] }
+    fn pairs(self, other: Self, f: impl Fn(S, S::f64s, S::f64s) -> S::f64s) -> Self {
+        let mut out = self;
+        for i in 0..DEEP {
+            out.registers[i] = f(self.simd, self.registers[i], other.registers[i]);
+        }
+        out
+    }
+
+    /// `self` where `mask` says so of `of`, `other` elsewhere.
+    #[inline(always)]
+    fn where_of(self, of: Self, other: Self, mask: impl Fn(S, S::f64s) -> S::m64s) -> Self {
+        let (simd, mut out) = (self.simd, self);
+        for i in 0..DEEP {
+            out.registers[i] = simd.select_f64s(mask(simd, of.registers[i]), self.registers[i], other.registers[i]);
+        }
+        out
     }
 }
 
@@ -52,7 +84,7 @@ macro_rules! operation {
 
             #[inline(always)]
             fn $name(self, other: Self) -> Self {
-                self.each(
+                self.pairs(
                     other,
                     #[inline(always)]
                     |simd, a, b| simd.$of(a, b),
@@ -67,18 +99,13 @@ operation!(Mul, mul, mul_f64s);
 
 impl<S: Simd> Real for Wide<S> {
     #[inline(always)]
-    fn zero(self) -> Self {
-        Wide::splat(self.simd, 0.0)
-    }
-
-    #[inline(always)]
-    fn one(self) -> Self {
-        Wide::splat(self.simd, 1.0)
+    fn constant(self, value: f64) -> Self {
+        Wide::splat(self.simd, value)
     }
 
     #[inline(always)]
     fn inverse(self) -> Self {
-        self.one().each(
+        self.one().pairs(
             self,
             #[inline(always)]
             |simd, one, x| simd.div_f64s(one, x),
@@ -86,11 +113,49 @@ impl<S: Simd> Real for Wide<S> {
     }
 
     #[inline(always)]
+    fn sqrt(self) -> Self {
+        self.pairs(
+            self,
+            #[inline(always)]
+            |simd, x, _| simd.sqrt_f64s(x),
+        )
+    }
+
+    #[inline(always)]
     fn where_number(self, z: Self, other: Self) -> Self {
-        let ([a, b], [y, z], [c, d]) = (self.registers, z.registers, other.registers);
-        let simd = self.simd;
-        // A NaN is not equal to itself.
-        let (first, second) = (simd.equal_f64s(y, y), simd.equal_f64s(z, z));
-        Wide { simd, registers: [simd.select_f64s(first, a, c), simd.select_f64s(second, b, d)] }
+        self.where_of(
+            z,
+            other,
+            // A NaN is not equal to itself.
+            #[inline(always)]
+            |simd, z| simd.equal_f64s(z, z),
+        )
+    }
+
+    #[inline(always)]
+    fn where_above(self, x: Self, limit: f64, other: Self) -> Self {
+        self.where_of(
+            x,
+            other,
+            #[inline(always)]
+            |simd, x| simd.greater_than_f64s(x, simd.splat_f64s(limit)),
+        )
+    }
+
+    #[inline(always)]
+    fn within(self, limit: f64) -> bool {
+        let (simd, limit) = (self.simd, self.simd.splat_f64s(limit));
+        let mut all = simd.equal_f64s(limit, limit);
+        for x in self.registers {
+            all = simd.and_m64s(all, simd.less_than_f64s(simd.abs_f64s(x), limit));
+        }
+        simd.first_true_m64s(simd.not_m64s(all)) == S::F64_LANES
+    }
+
+    #[inline(always)]
+    fn each(self, f: impl Fn(f64) -> f64) -> Self {
+        let mut row = [0.0; MOST];
+        self.store(&mut row);
+        Wide::load(self.simd, &row.map(f))
     }
 }

@@ -1,8 +1,9 @@
 //! Tracks side by side against each track alone, bit for bit.
 
-use fixtrail_core::kernels::{Chain, Leap, series};
+use fixtrail_core::kernels::{Chain, Dense, Leap, Packed, Turn, series};
+use fixtrail_core::models::CoordinatedTurn;
 use fixtrail_core::{Belief, Matrix, Vector};
-use fixtrail_lanes::{Problem, convolve, filter};
+use fixtrail_lanes::{Linear, Problem, Ranging, convolve, filter, linear, range};
 
 fn each_track_is_as_alone<const N: usize>() {
     for (tracks, steps) in [(1, 5), (8, 1), (8, 8), (9, 17), (31, 40)] {
@@ -29,6 +30,73 @@ fn each_track_is_as_it_would_be_alone() {
     each_track_is_as_alone::<1>();
     each_track_is_as_alone::<2>();
     each_track_is_as_alone::<3>();
+}
+
+fn each_linear_track_is_as_alone<const N: usize, const Q: usize>() {
+    let number = |i: usize| (i as f64 * 0.61).sin();
+    let a = Matrix::<N, N>::from_fn(|i, j| 0.9 * number(3 * i + 5 * j + 1) / N as f64);
+    let start = Packed::of(&Belief { mean: Vector::repeat(1.0), cov: Matrix::<N, N>::identity() * 25.0 });
+    let rows: [[f64; N]; Q] = std::array::from_fn(|i| std::array::from_fn(|j| number(7 * i + j + 2)));
+    let vars: [f64; Q] = std::array::from_fn(|i| 0.1 + i as f64);
+    let problem = Linear { motion: Dense::new(&a, &Matrix::identity()), rows, vars, start };
+    for (tracks, steps) in [(1, 5), (8, 1), (8, 8), (9, 17), (31, 40)] {
+        let z: Vec<f64> =
+            (0..tracks * steps * Q).map(|i| if i % 7 == 3 { f64::NAN } else { 5.0 * number(i) }).collect();
+        let mut out = vec![0.0; tracks * steps * N];
+        linear(&problem, &z, steps, &mut out);
+        for track in 0..tracks {
+            let mut belief = start;
+            for k in 0..steps {
+                belief = belief.predict(&problem.motion);
+                for i in 0..Q {
+                    belief = belief.measure(&rows[i], z[(track * steps + k) * Q + i], vars[i]).0;
+                }
+                let ours = &out[(track * steps + k) * N..][..N];
+                assert_eq!(ours, belief.mean, "track {track} of {tracks}, step {k} of {steps}");
+            }
+        }
+    }
+}
+
+#[test]
+fn each_linear_track_is_as_it_would_be_alone() {
+    each_linear_track_is_as_alone::<2, 1>();
+    each_linear_track_is_as_alone::<3, 3>();
+    each_linear_track_is_as_alone::<4, 2>();
+}
+
+#[test]
+fn each_turning_track_is_as_it_would_be_alone() {
+    let motion = Turn::new(&CoordinatedTurn::new([0.1, 0.2], 0.05).unwrap(), 0.3);
+    let anchors_m = [[-60.0, -50.0], [60.0, -60.0], [3.0, 70.0]];
+    let problem = Ranging { motion, anchors_m: &anchors_m, var: 0.04 };
+    for (tracks, steps) in [(1, 5), (8, 1), (8, 8), (9, 17), (31, 40)] {
+        let starts: Vec<_> = (0..tracks)
+            .map(|track| {
+                let mut mean = Vector::<5>::from([1.0, 2.0 - track as f64, 3.0, -2.0, 0.1 * (track % 5) as f64]);
+                // One of a few turns faster than the series goes: its neighbours keep theirs.
+                if track % 6 == 4 {
+                    mean[4] = 4.0;
+                }
+                Packed::of(&Belief { mean, cov: Matrix::identity() * (1.0 + track as f64) })
+            })
+            .collect();
+        let z: Vec<f64> = (0..tracks * steps)
+            .map(|i| if i % 7 == 3 { f64::NAN } else { 70.0 + 10.0 * (i as f64 * 0.37).sin() })
+            .collect();
+        let mut out = vec![0.0; z.len() * 5];
+        range(&problem, &starts, &z, steps, &mut out);
+        for track in 0..tracks {
+            let mut belief = starts[track];
+            for k in 0..steps {
+                let anchor = &anchors_m[k % 3];
+                belief = belief.predict(&motion).range(anchor, z[track * steps + k], problem.var).0;
+                let ours = &out[(track * steps + k) * 5..][..5];
+                assert!(belief.mean[0].is_finite());
+                assert_eq!(ours, belief.mean, "track {track} of {tracks}, step {k} of {steps}");
+            }
+        }
+    }
 }
 
 #[test]

@@ -13,11 +13,14 @@ use crate::types::{Belief, StepError};
 /// The motion over one interval: F and Q of a chain of `N` integrators.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Leap<T, const N: usize> {
-    /// `dt^i/i!`: the first row of F.
-    step: [T; N],
+    pub(super) drift: Drift<T, N>,
     /// Q, upper triangle.
     q: [[T; N]; N],
 }
+
+/// F: its first row, `dt^i/i!`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Drift<T, const N: usize>([T; N]);
 
 impl<const N: usize> Leap<f64, N> {
     /// Returns the motion over `dt_s` seconds driven by white noise of density `psd` at the last derivative.
@@ -39,7 +42,7 @@ impl<const N: usize> Leap<f64, N> {
                 q[i][j] = psd * step[a] * step[b] * dt_s / (a + b + 1) as f64;
             }
         }
-        Leap { step, q }
+        Leap { drift: Drift(step), q }
     }
 
     /// Returns the motion over `dt_s` seconds with any noise covariance `q`, of which the upper triangle is taken.
@@ -54,7 +57,7 @@ impl<const N: usize> Leap<f64, N> {
     /// The same in other numbers.
     #[inline(always)]
     pub fn map<T>(&self, to: impl Fn(f64) -> T) -> Leap<T, N> {
-        Leap { step: self.step.map(&to), q: self.q.map(|row| row.map(&to)) }
+        Leap { drift: Drift(self.drift.0.map(&to)), q: self.q.map(|row| row.map(&to)) }
     }
 }
 
@@ -106,46 +109,7 @@ impl<T: Real, const N: usize> Leap<T, N> {
         let mut out = *mean;
         for i in 0..N {
             for j in i + 1..N {
-                out[i] = out[i] + self.step[j - i] * mean[j];
-            }
-        }
-        out
-    }
-
-    /// Fᵀ λ.
-    #[inline(always)]
-    pub(super) fn back(&self, lambda: &[T; N]) -> [T; N] {
-        let mut out = *lambda;
-        for i in 0..N {
-            for j in 0..i {
-                out[i] = out[i] + self.step[i - j] * lambda[j];
-            }
-        }
-        out
-    }
-
-    /// Fᵀ Λ F, upper triangle of upper triangle.
-    #[inline(always)]
-    pub(super) fn back_spread(&self, big: &[[T; N]; N]) -> [[T; N]; N] {
-        let at = |a: usize, b: usize| if a <= b { big[a][b] } else { big[b][a] };
-        let mut half = *big;
-        for a in 0..N {
-            for b in a..N {
-                let mut sum = at(a, b);
-                for c in 0..b {
-                    sum = sum + self.step[b - c] * at(a, c);
-                }
-                half[a][b] = sum;
-            }
-        }
-        let mut out = half;
-        for i in 0..N {
-            for j in i..N {
-                let mut sum = half[i][j];
-                for a in 0..i {
-                    sum = sum + self.step[i - a] * half[a][j];
-                }
-                out[i][j] = sum;
+                out[i] = out[i] + self.drift.0[j - i] * mean[j];
             }
         }
         out
@@ -160,7 +124,7 @@ impl<T: Real, const N: usize> Leap<T, N> {
             for b in i..N {
                 let mut sum = at(i, b);
                 for a in i + 1..N {
-                    sum = sum + self.step[a - i] * at(a, b);
+                    sum = sum + self.drift.0[a - i] * at(a, b);
                 }
                 half[i][b] = sum;
             }
@@ -170,9 +134,50 @@ impl<T: Real, const N: usize> Leap<T, N> {
             for j in i..N {
                 let mut sum = half[i][j];
                 for b in j + 1..N {
-                    sum = sum + self.step[b - j] * half[i][b];
+                    sum = sum + self.drift.0[b - j] * half[i][b];
                 }
                 out[i][j] = sum + self.q[i][j];
+            }
+        }
+        out
+    }
+}
+
+impl<T: Real, const N: usize> Drift<T, N> {
+    /// Fᵀ λ.
+    #[inline(always)]
+    pub(super) fn back(&self, lambda: &[T; N]) -> [T; N] {
+        let mut out = *lambda;
+        for i in 0..N {
+            for j in (0..i).rev() {
+                out[i] = out[i] + self.0[i - j] * lambda[j];
+            }
+        }
+        out
+    }
+
+    /// Fᵀ Λ F, upper triangle of upper triangle.
+    #[inline(always)]
+    pub(super) fn back_spread(&self, big: &[[T; N]; N]) -> [[T; N]; N] {
+        let at = |a: usize, b: usize| if a <= b { big[a][b] } else { big[b][a] };
+        let mut half = *big;
+        for a in 0..N {
+            for b in a..N {
+                let mut sum = at(a, b);
+                for c in 0..b {
+                    sum = sum + self.0[b - c] * at(a, c);
+                }
+                half[a][b] = sum;
+            }
+        }
+        let mut out = half;
+        for i in 0..N {
+            for j in i..N {
+                let mut sum = half[i][j];
+                for a in 0..i {
+                    sum = sum + self.0[i - a] * half[a][j];
+                }
+                out[i][j] = sum;
             }
         }
         out

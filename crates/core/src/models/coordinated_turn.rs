@@ -1,6 +1,7 @@
 //! Coordinated turn in the plane with unknown turn rate.
 
 use super::{DesignError, check_densities};
+use crate::kernels::Arc;
 use crate::types::{Matrix, Transition, Vector};
 
 /// A target that turns at a rate `ω` which is part of the state: `x y vx vy ω`, in m, m/s and rad/s.
@@ -69,7 +70,7 @@ impl CoordinatedTurn {
     /// `dt_s` must be finite and at least 0; 0 gives the identity without noise.
     pub fn leap(&self, x: &Vector<5>, dt_s: f64) -> Transition<5> {
         debug_assert!(dt_s >= 0.0 && dt_s.is_finite(), "an interval of {dt_s} s");
-        let Turn { sin, cos, s, c, ds, dc } = turn(x[4] * dt_s);
+        let Arc { sin, cos, along: s, aside: c, along_slope: ds, aside_slope: dc } = Arc::of(x[4] * dt_s);
         let (vx, vy) = (x[2], x[3]);
         let (vx_next, vy_next) = (cos * vx - sin * vy, sin * vx + cos * vy);
         let dt2 = dt_s * dt_s;
@@ -93,63 +94,5 @@ impl CoordinatedTurn {
         }
         q[(4, 4)] = self.turn_noise.over(dt_s);
         Transition { next, f, q }
-    }
-}
-
-/// What a turn by θ needs.
-struct Turn {
-    sin: f64,
-    cos: f64,
-    /// sin θ/θ
-    s: f64,
-    /// (1 − cos θ)/θ
-    c: f64,
-    /// ds/dθ
-    ds: f64,
-    /// dc/dθ
-    dc: f64,
-}
-
-/// Below this angle the closed forms of s′ and c′ cancel; the series does not.
-const SERIES_BELOW: f64 = 0.5;
-
-/// With θ² ≤ 1/4 the first term left out is below 1e-30 of the sum.
-const TERMS: usize = 12;
-
-/// Coefficients in powers of θ² of `s`, `c/θ`, `s′/θ` and `c′`.
-const SERIES: [[f64; TERMS]; 4] = {
-    let mut series = [[0.0; TERMS]; 4];
-    let mut sign = 1.0;
-    let mut factorial = 1.0; // (2k + 1)!
-    let mut k = 0;
-    while k < TERMS {
-        let odd = (2 * k + 1) as f64;
-        series[0][k] = sign / factorial;
-        series[1][k] = sign / (factorial * (odd + 1.0));
-        series[2][k] = -sign / (factorial * (odd + 2.0)); // −(2k + 2)/(2k + 3)!
-        series[3][k] = sign * odd / (factorial * (odd + 1.0));
-        factorial *= (odd + 1.0) * (odd + 2.0);
-        sign = -sign;
-        k += 1;
-    }
-    series
-};
-
-fn turn(theta: f64) -> Turn {
-    if theta.abs() < SERIES_BELOW {
-        let square = theta * theta;
-        let mut sum = [0.0; 4];
-        for k in (0..TERMS).rev() {
-            for (sum, series) in sum.iter_mut().zip(&SERIES) {
-                *sum = *sum * square + series[k];
-            }
-        }
-        let [s, c, ds, dc] = [sum[0], sum[1] * theta, sum[2] * theta, sum[3]];
-        Turn { sin: s * theta, cos: 1.0 - c * theta, s, c, ds, dc }
-    } else {
-        let (sin, cos) = libm::sincos(theta);
-        let half = libm::sin(theta / 2.0);
-        let (s, c) = (sin / theta, 2.0 * half * half / theta);
-        Turn { sin, cos, s, c, ds: (cos - s) / theta, dc: (sin - c) / theta }
     }
 }

@@ -62,6 +62,8 @@ pub struct Gain<const N: usize, S: Store> {
     pub u: S::Of<Column<N>>,
     /// Means for z = 0 and u = 0, and the joint covariance; both estimates are determined.
     pub joint: Joint<N>,
+    /// How many instants before the estimated one the smoother stands: at 0 it is the filter.
+    pub lag: usize,
 }
 
 impl<const N: usize, S: Store> Gain<N, S> {
@@ -128,22 +130,47 @@ impl<const N: usize, S: Store> Gain<N, S> {
                 adjoint_lag *= model.leap.f;
             }
         }
-        Ok(Some(Self { z, u, joint }))
+        Ok(Some(Self { z, u, joint, lag: shape.lag }))
     }
 
     /// Returns the means of filter and smoother for the window's data, oldest first: `q` values per instant, then the inputs.
     #[inline]
     pub fn apply(&self, z: &[f64], u: &[f64]) -> Column<N> {
-        let mut filter = Vector::zeros();
-        let mut lagged = Vector::zeros();
-        for ((g, g_lag), value) in self.z.as_ref().iter().zip(z) {
-            filter += g * *value;
-            lagged += g_lag * *value;
+        let (columns, inputs) = (self.z.as_ref(), self.u.as_ref());
+        if self.lag == 0 {
+            let [filter] = add(weighed(columns, z), weighed(inputs, u));
+            return (filter, filter);
         }
-        for ((g, g_lag), value) in self.u.as_ref().iter().zip(u) {
-            filter += g * *value;
-            lagged += g_lag * *value;
-        }
+        let [filter, lagged] = add(weighed(columns, z), weighed(inputs, u));
         (filter, lagged)
     }
+}
+
+/// The sums of columns times their values: of the filter, and of `PARTS` = 2 of the smoother.
+#[inline(always)]
+fn weighed<const N: usize, const PARTS: usize>(columns: &[Column<N>], values: &[f64]) -> [Vector<N>; PARTS] {
+    let count = columns.len().min(values.len());
+    let (column_pairs, last_column) = columns[..count].as_chunks::<2>();
+    let (value_pairs, last_value) = values[..count].as_chunks::<2>();
+    // Two sums, for each addition waits for the last.
+    let (mut even, mut odd) = ([Vector::zeros(); PARTS], [Vector::zeros(); PARTS]);
+    let into = |sums: &mut [Vector<N>; PARTS], column: &Column<N>, value: f64| {
+        sums[0] += column.0 * value;
+        if PARTS > 1 {
+            sums[PARTS - 1] += column.1 * value;
+        }
+    };
+    for (columns, values) in column_pairs.iter().zip(value_pairs) {
+        into(&mut even, &columns[0], values[0]);
+        into(&mut odd, &columns[1], values[1]);
+    }
+    for (column, value) in last_column.iter().zip(last_value) {
+        into(&mut even, column, *value);
+    }
+    add(even, odd)
+}
+
+#[inline(always)]
+fn add<const N: usize, const PARTS: usize>(a: [Vector<N>; PARTS], b: [Vector<N>; PARTS]) -> [Vector<N>; PARTS] {
+    core::array::from_fn(|part| a[part] + b[part])
 }

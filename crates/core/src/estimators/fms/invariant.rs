@@ -8,7 +8,7 @@ use crate::estimators::fms::{Align, STACKS_FROM};
 use crate::estimators::smoother::{Arrive, Backward, Instant, StartState};
 use crate::linalg::{cholesky, whiten};
 use crate::storage::Store;
-use crate::types::{Matrix, Row, StepError, Transition, Vector};
+use crate::types::{Belief, Matrix, Row, StepError, Transition, Vector};
 
 /// Most components of a measurement vector.
 pub const MOST_COMPONENTS: usize = 6;
@@ -114,7 +114,7 @@ impl<const N: usize, S: Store> InvariantWindow<N, S> {
             *h = row.h;
         }
         let invariant = Invariant { leap: &leap, rows: &h[..q], b: model.b };
-        window.gain = Gain::design(&invariant, shape)?;
+        window.gain = Gain::design(&invariant, shape)?.filter(|gain| gain.joint.is_finite());
         if let Some(gain) = &mut window.gain {
             unwhiten(gain.z.as_mut(), &factor[..q * q], q, m);
             if m * q <= CORRECTED_UP_TO {
@@ -194,17 +194,20 @@ impl<const N: usize, S: Store> InvariantWindow<N, S> {
             && self.len == self.shape.window
             && let Some(gain) = &self.gain
         {
-            let joint = shifted(&gain.joint, &gain.apply(self.data(), self.inputs()));
-            if joint.is_finite() {
+            let means = gain.apply(self.data(), self.inputs());
+            // The covariances are those of the design, which has looked at them.
+            if (0..N).all(|i| means.0[i].is_finite() && means.1[i].is_finite()) {
                 if let Some(varying) = &mut self.varying {
                     varying.clear();
                 }
-                return joint;
+                return shifted(&gain.joint, &means);
             }
         }
         self.estimate_with_losses()
     }
 
+    #[cold]
+    #[inline(never)]
     fn estimate_with_losses(&mut self) -> Joint<N> {
         if self.lost > 0
             && self.len == self.shape.window
@@ -361,13 +364,8 @@ impl<const N: usize, S: Store> InvariantWindow<N, S> {
 /// The joint covariance with means added.
 #[inline]
 fn shifted<const N: usize>(joint: &Joint<N>, means: &Column<N>) -> Joint<N> {
-    let mut out = *joint;
-    for (belief, mean) in [(&mut out.filter, means.0), (&mut out.lagged, means.1)] {
-        if let Some(belief) = belief {
-            belief.mean = mean;
-        }
-    }
-    out
+    let at = |belief: &Option<Belief<N>>, mean| belief.as_ref().map(|belief| Belief { mean, cov: belief.cov });
+    Joint { filter: at(&joint.filter, means.0), lagged: at(&joint.lagged, means.1), cross: joint.cross }
 }
 
 /// Whitened rows of the components that arrived; correlated components are whitened together.
