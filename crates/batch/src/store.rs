@@ -314,8 +314,7 @@ impl Merge {
                 cursor.step(self.file.as_mut())?;
                 continue;
             }
-            loop {
-                let Some(r) = self.cursors[first].head().filter(|r| record::target(r) == target) else { break };
+            while let Some(r) = self.cursors[first].head().filter(|r| record::target(r) == target) {
                 if let Some(second) = second
                     && self.compare(second, first, by_k, by.rule) == Ordering::Less
                 {
