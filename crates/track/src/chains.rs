@@ -1,7 +1,7 @@
 //! Positions of a target whose axes move apart from each other, by the kernels of the core: the same equations as the general filter, with
 //! the known zeros left out.
 //!
-//! [`Chains`] is what trackers step by; [`Series`] takes all positions of a target at once, and gives the same bits.
+//! `Chains` is what trackers step by; [`Series`] takes all positions of a target at once, and gives the same bits.
 
 use crate::error::StepError;
 use crate::fix::Status;
