@@ -225,11 +225,13 @@ impl<'a> Gather<'a> {
         self.number_rows(&mut block);
         self.look_at(&block);
         let Block { words, shape, .. } = block;
-        if self.store.append(&words, &shape) && self.store.is_bounded() {
-            self.sorted.renew(&self.names);
-            let by_k = *self.by_k.get_or_insert(!self.lacks_k.contains(&true));
-            let by = SortBy { rank: &self.sorted.rank, by_k: &|_| by_k, rule: &self.rule };
-            self.store.close(&by).map_err(|e| spill_failed(self.file, &e))?;
+        for words in words.chunks(self.store.run_words(&shape)) {
+            if self.store.append(words, &shape) && self.store.is_bounded() {
+                self.sorted.renew(&self.names);
+                let by_k = *self.by_k.get_or_insert(!self.lacks_k.contains(&true));
+                let by = SortBy { rank: &self.sorted.rank, by_k: &|_| by_k, rule: &self.rule };
+                self.store.close(&by).map_err(|e| spill_failed(self.file, &e))?;
+            }
         }
         Ok(())
     }

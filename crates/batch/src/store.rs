@@ -113,6 +113,11 @@ impl Store {
         self.open.len() >= self.room.run_words
     }
 
+    /// Words of as many records of a shape as a run has room for, one at least.
+    pub fn run_words(&self, shape: &Shape) -> usize {
+        (self.room.run_words / shape.width.max(1)).max(1) * shape.width.max(1)
+    }
+
     /// Whether runs are closed as soon as they are full.
     pub fn is_bounded(&self) -> bool {
         self.room.kept_words < usize::MAX

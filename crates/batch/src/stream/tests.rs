@@ -192,6 +192,18 @@ fn one_target_many_times_as_long_as_there_is_room_is_tracked_in_parts() {
     for prior in [true, false] {
         Case::new("m.csv", &text, spec_of(KALMAN, prior, POSITIONS)).agrees();
     }
+    // The copies of a row may fall into different parts.
+    let mut copied = rows.clone();
+    copied.extend(rows.iter().step_by(3).cloned());
+    random.shuffle(&mut copied);
+    Case::new("m.csv", &table("t,target,x,y", &copied), spec_of(KALMAN, true, POSITIONS)).agrees();
+    // So may the two sides of a contradiction, of which neither is kept.
+    let mut refuted = rows.clone();
+    refuted.extend(rows.iter().step_by(3).map(|row| format!("{}9", row)));
+    random.shuffle(&mut refuted);
+    let mut case = Case::new("m.csv", &table("t,target,x,y", &refuted), spec_of(KALMAN, true, POSITIONS));
+    case.read.skip_bad_rows = true;
+    case.agrees();
     // Without a target column, and with several rows an instant.
     let rows: Vec<String> = ranges(&mut random, 1, 400).iter().map(|r| r.replacen(",0,", ",", 1)).collect();
     Case::new("m.csv", &table("t,anchor,value", &rows), spec_of(EKF, false, RANGES)).agrees();
@@ -219,6 +231,31 @@ fn ranges_dates_and_missing_cells_take_the_same_way() {
         .map(|row| if random.below(4) == 0 { row.rsplit_once(',').unwrap().0.to_owned() + "," } else { row })
         .collect();
     Case::new("m.csv", &table("t,target,x,y", &holes), spec_of(KALMAN, true, POSITIONS)).agrees();
+}
+
+#[test]
+fn rows_that_are_not_plain_say_what_plain_ones_say() {
+    let mut random = Random(6);
+    let rows = positions(&mut random, 9, 60);
+    let odd: Vec<String> = rows
+        .iter()
+        .map(|row| {
+            let cells: Vec<&str> = row.split(',').collect();
+            match random.below(7) {
+                5 => format!("{}, {} ,{},{}", cells[0], cells[1], cells[2], cells[3]),
+                0 => cells.join(" , "),
+                1 => format!("{row}\r"),
+                2 => format!("+{row}"),
+                3 => format!("{}e0,{},{},{}", cells[0], cells[1], cells[2], cells[3]),
+                4 => format!("\n{row}"),
+                _ => row.clone(),
+            }
+        })
+        .collect();
+    let plain = Case::new("m.csv", &table("t,target,x,y", &rows), spec_of(KALMAN, true, POSITIONS));
+    let odd = Case::new("m.csv", &table("t,target,x,y", &odd), spec_of(KALMAN, true, POSITIONS));
+    odd.agrees();
+    assert!(odd.whole("trail.csv").unwrap() == plain.whole("trail.csv").unwrap());
 }
 
 #[test]
