@@ -1,7 +1,8 @@
 //! Tables in, trails out.
 //!
 //! [`read_table`] turns a measurement table (CSV, NDJSON, Parquet) into the packets of each target, [`run_tracks`] tracks
-//! the targets in parallel, [`write_trails`] writes what came out. The order of rows in such a file never matters.
+//! the targets in parallel, [`write_trails`] writes what came out: everything in memory, for reports and comparisons. [`track_file`] does all three
+//! in bounded memory. The order of rows in such a file never matters.
 //! [`read_packet_trace`] reads what a network did to the packets of each link, in the order of the rows.
 
 mod anchors;

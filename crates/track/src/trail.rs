@@ -142,6 +142,9 @@ impl Trail {
     }
 
     /// The means of some rows, `n` values each, and their packed covariances; `None` when one of the rows is unobservable.
+    ///
+    /// # Panics
+    /// When there are not as many rows.
     pub fn estimates(&self, rows: std::ops::Range<usize>) -> Option<(&[f64], &[f64])> {
         let m = Self::packed_len(self.n);
         let known = self.status[rows.clone()].iter().all(|status| *status != Status::Unobservable);
