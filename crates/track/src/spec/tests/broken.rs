@@ -496,6 +496,12 @@ fn sensors() -> Vec<Broken> {
             "sensor.drift.time_s",
             &["seconds"],
         ),
+        sensor(
+            "[sensor]\nkind = \"range\"\nsd = 1\ndrift = { sd = 1, time_s = 9, shared_sd = 1 }",
+            7,
+            "sensor.drift.shared_time_s",
+            &["is missing", "how long"],
+        ),
         sensor("[sensor]\nkind = \"bearing\"\nsd = 1\nheight_m = 1", 7, "sensor.height_m", &["a `bearing` sensor"]),
         sensor(
             "axes = 1\n[sensor]\nkind = \"bearing\"\nsd = 1",

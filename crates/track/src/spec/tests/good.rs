@@ -401,12 +401,21 @@ fn stationary_motion_has_a_place_and_a_speed() {
 
 #[test]
 fn errors_that_last_have_a_size_and_a_time() {
+    let lasting = |sd, time_s| Some(Lasting { sd, time_s });
     for kind in ["range", "rssi\"\npath_loss = { exponent = 2, at_1m_dbm = -40 }\nrobust = \"none"] {
         let spec = good(&format!(
             "[model]\nkind = \"constant-velocity\"\nnoise = 1\n[sensor]\nkind = \"{kind}\"\nsd = 1\ndrift = {{ sd = 0.3, time_s = 30 }}"
         ));
-        assert_eq!(spec.sensors[0].drift, Some(DriftSpec { sd: 0.3, time_s: 30.0 }));
+        assert_eq!(spec.sensors[0].drift, Some(DriftSpec { each: lasting(0.3, 30.0), shared: None }));
     }
+    let spec = good(
+        "[model]\nkind = \"constant-velocity\"\nnoise = 1\n[sensor]\nkind = \"range\"\nsd = 1\ndrift = { sd = 0.3, time_s = 30, shared_sd = 0.1, shared_time_s = 3 }",
+    );
+    assert_eq!(spec.sensors[0].drift, Some(DriftSpec { each: lasting(0.3, 30.0), shared: lasting(0.1, 3.0) }));
+    let spec = good(
+        "[model]\nkind = \"constant-velocity\"\nnoise = 1\n[sensor]\nkind = \"range\"\nsd = 1\ndrift = { shared_sd = 0.1, shared_time_s = 3 }",
+    );
+    assert_eq!(spec.sensors[0].drift, Some(DriftSpec { each: None, shared: lasting(0.1, 3.0) }));
 }
 
 #[test]
