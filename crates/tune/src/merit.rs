@@ -176,9 +176,11 @@ pub struct Honesty {
     pub independent: f64,
 }
 
-/// What known positions say of the claimed covariance; `None` where there is too little to tell. Each recording comes with the specs that track
-/// it and the positions that each is judged at, in order of time.
-pub fn honesty(cases: &[(&Recording, Vec<(Spec, Vec<TargetTruth>)>)], shift_s: &[f64]) -> Option<Honesty> {
+/// A recording with the specs that track it and the positions that each is judged at, in order of time.
+pub type Case<'a> = (&'a Recording, Vec<(Spec, Vec<TargetTruth>)>);
+
+/// What known positions say of the claimed covariance; `None` where there is too little to tell.
+pub fn honesty(cases: &[Case<'_>], shift_s: &[f64]) -> Option<Honesty> {
     let (mut ratios, mut independent) = (Vec::new(), 0.0);
     for (recording, parts) in cases {
         for target in &recording.targets {

@@ -3,7 +3,7 @@
 use crate::arrival;
 use crate::calibrate::{self, Calibration, calibrate};
 use crate::knobs::{Place, Setting};
-use crate::merit::{Honesty, Merit, Recording, gain_error, honesty, merit, smoothed_rmse};
+use crate::merit::{Case, Honesty, Merit, Recording, gain_error, honesty, merit, smoothed_rmse};
 use crate::search::{Candidate, Effort, Profile, profiles, search};
 use crate::structure::Change;
 use crate::window::{self, Windows};
@@ -281,7 +281,7 @@ const BLOCKS: usize = 3;
 
 /// Each recording with the specs that are judged on it: biases and path loss are those of the other recordings, or of the other parts where
 /// there is one recording only. Judged where they were calibrated, errors would look smaller than they will be elsewhere.
-fn held_out<'a>(spec: &Spec, recordings: &'a [Recording]) -> Vec<(&'a Recording, Vec<(Spec, Vec<TargetTruth>)>)> {
+fn held_out<'a>(spec: &Spec, recordings: &'a [Recording]) -> Vec<Case<'a>> {
     let known: Vec<&Recording> = recordings.iter().filter(|r| !r.truth.is_empty()).collect();
     if let [recording] = known[..] {
         return vec![(recording, blocks(spec, recording))];

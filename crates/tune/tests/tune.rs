@@ -240,7 +240,8 @@ fn the_window_of_least_prediction_error_is_that_of_least_error() {
     let (recording, truth) = chain(21, 0.01, 3000);
     let mut chosen = Vec::new();
     for declared in [0.01, 1e-6] {
-        let tuned = tune(&parsed(&chain_spec(declared, 5, 1)), &[recording.clone()], &NUMBERS, &|_| {}).unwrap();
+        let tuned =
+            tune(&parsed(&chain_spec(declared, 5, 1)), std::slice::from_ref(&recording), &NUMBERS, &|_| {}).unwrap();
         let EstimatorSpec::Fms { window: Span::Instants(window), lag: Span::Instants(lag), .. } = tuned.spec.estimator
         else {
             panic!("{:?}", tuned.spec.estimator)
