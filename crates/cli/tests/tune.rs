@@ -45,6 +45,33 @@ fn without_truth_or_spec_the_next_measurements_decide() {
     folder.run(&["track", "-c", "tuned.toml", "m.csv", "-o", "t.csv"]).good();
 }
 
+const LINEAR: &str =
+    "[model]\nkind = \"linear\"\nA = [[1.0]]\nC = [[1.0]]\nQ = [[0.1]]\nR = [[1.0]]\nx0 = [0.0]\nP0 = [[1.0]]\n";
+
+#[test]
+fn a_link_without_time_stamps_learns_its_arrival_rate() {
+    let folder = Folder::new();
+    // Of ten values after the first, the fourth and the eighth are shown again.
+    folder.write("z.csv", "k,z1\n0,0\n1,1\n2,2\n3,3\n4,3\n5,5\n6,4\n7,3\n8,3\n9,2\n10,1\n");
+    let held = format!("{LINEAR}[link]\nstamped = false\nhold = \"last-received\"\n[estimator]\nkind = \"lmmse\"\n");
+    folder.write("held.toml", &held);
+    let run = folder.run(&["tune", "-c", "held.toml", "z.csv", "-o", "tuned.toml", "--json"]).good();
+    assert!(run.err.contains("arrival rate 0.750 ± 0.12"), "{}", run.err);
+    let json = run.json();
+    // Beta(1 + 8, 1 + 2): mean 9/12, variance (9/12)(3/12)/13, on a grid of hundredths.
+    let number = |key: &str| json["arrival"][key].as_f64().expect("a number");
+    assert!((number("rate") - 0.75).abs() < 1e-3 && (number("standard_error") - 0.1201).abs() < 1e-3, "{json}");
+    assert_eq!(number("values"), 10.0);
+    let text = folder.text("tuned.toml");
+    assert!(text.contains("arrival = 0.75  # ±0.12, of 10 values shown, by those that repeat"), "{text}");
+    folder.run(&["track", "-c", "tuned.toml", "z.csv", "-o", "t.csv"]).good();
+    // A rate that the table says is not learnt.
+    folder.write("column.toml", held.replace("hold =", "arrival = { column = \"p\" }\nhold ="));
+    folder.write("p.csv", "k,z1,p\n0,0,1\n1,1,1\n2,2,0.5\n");
+    let run = folder.run(&["tune", "-c", "column.toml", "p.csv", "-o", "x.toml"]);
+    assert!(run.code == Some(2) && run.err.contains("no arrival rate to learn"), "{}", run.err);
+}
+
 #[test]
 fn what_cannot_be_tuned_is_one_sentence() {
     let folder = with_truth();

@@ -254,14 +254,16 @@ fn aircraft_with_their_heights_are_within_75_metres() {
         let file = |name: &str| data.join("tdoa_locards_aircraft").join(set).join(name).to_string_lossy().into_owned();
         let (table, anchors) = (file("measurements.csv"), file("anchors.csv"));
         let common = ["-c", &spec, "--anchors", &anchors];
-        folder.run(&[&["track"], &common[..], &[&table, "-o", "rough.csv"]].concat()).good();
-        let rough = folder.path("rough.csv");
-        let joined = std::process::Command::new(root.join("scripts/altimeter"))
-            .args([table.as_ref(), file("altitude.csv").as_ref(), rough.as_os_str()])
-            .output()
-            .expect("Python");
-        assert!(joined.status.success(), "{joined:?}");
-        folder.write("with_heights.csv", joined.stdout);
+        // Heights over a flat Earth, a rough trail, and the heights over a round Earth there.
+        let join = |rough: Option<std::path::PathBuf>, to: &str| {
+            let mut join = std::process::Command::new(root.join("scripts/altimeter"));
+            let joined = join.args([&table, &file("altitude.csv")]).args(rough).output().expect("Python");
+            assert!(joined.status.success(), "{joined:?}");
+            folder.write(to, joined.stdout);
+        };
+        join(None, "flat.csv");
+        folder.run(&[&["track"], &common[..], &["flat.csv", "-o", "rough.csv"]].concat()).good();
+        join(Some(folder.path("rough.csv")), "with_heights.csv");
         let truth = file("truth.csv");
         let last = ["with_heights.csv", "-o", "t.csv", "--truth", &truth, "--json"];
         let ran = folder.run(&[&["track"], &common[..], &last].concat()).good();

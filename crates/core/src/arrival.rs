@@ -20,6 +20,17 @@ impl Counted {
     pub fn mean(&self) -> f64 {
         (1.0 + self.came) / (2.0 + self.came + self.lost)
     }
+
+    /// Returns the standard deviation of the posterior, `√(m (1 − m) / (n + 3))` with the mean m and n packets.
+    pub fn sd(&self) -> f64 {
+        let mean = self.mean();
+        libm::sqrt(mean * (1.0 - mean) / (self.total() + 3.0))
+    }
+
+    /// Returns the number of packets that were counted.
+    pub fn total(&self) -> f64 {
+        self.came + self.lost
+    }
 }
 
 /// Number of rates that are told apart.
@@ -36,12 +47,14 @@ pub struct Repeated {
     hold: Hold,
     /// Joint density of p on the grid and of (γ_{k−1}, γ_k); index 2 γ_{k−1} + γ_k.
     joint: [[f64; 4]; RATES],
+    /// Values observed.
+    count: f64,
 }
 
 impl Repeated {
     /// Returns the prior at the start, where γ_{−1} = γ_0 = 1.
     pub fn start(hold: Hold) -> Self {
-        Self { hold, joint: [[0.0, 0.0, 0.0, 1.0 / RATES as f64]; RATES] }
+        Self { hold, joint: [[0.0, 0.0, 0.0, 1.0 / RATES as f64]; RATES], count: 0.0 }
     }
 
     /// Takes in whether the value of the next instant repeats the one before.
@@ -67,12 +80,26 @@ impl Repeated {
         if total > 0.0 {
             next.iter_mut().flatten().for_each(|d| *d /= total);
             self.joint = next;
+            self.count += 1.0;
         }
     }
 
     /// Returns the mean of the posterior.
     pub fn mean(&self) -> f64 {
         self.joint.iter().enumerate().map(|(i, d)| rate(i) * d.iter().sum::<f64>()).sum()
+    }
+
+    /// Returns the standard deviation of the posterior, that of a rate within its part of the grid included.
+    pub fn sd(&self) -> f64 {
+        let mean = self.mean();
+        let away = |(i, d): (usize, &[f64; 4])| (rate(i) - mean) * (rate(i) - mean) * d.iter().sum::<f64>();
+        let within = 1.0 / (RATES * RATES) as f64 / 12.0;
+        libm::sqrt(self.joint.iter().enumerate().map(away).sum::<f64>() + within)
+    }
+
+    /// Returns the number of values that were observed.
+    pub fn total(&self) -> f64 {
+        self.count
     }
 }
 

@@ -390,7 +390,7 @@ fn comparison_without_truth_draws_the_score_over_time() {
     let mut foretold = predictive::Score::default();
     let mut losses: Losses = vec![None];
     for k in 1..100 {
-        let told = Foretold { k, t_s: None, kind: packet::Kind::Range, innovation: 0.25, var: 0.25 };
+        let told = Foretold { k, t_s: None, kind: packet::Kind::Range, innovation: 0.25, var: 0.25, old: None };
         foretold.push(&told);
         losses.push((k % 10 != 5).then(|| Loss { t: k as f64, sum: -told.log_density(), weight: 1.0 }));
     }

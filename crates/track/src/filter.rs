@@ -11,11 +11,15 @@
 //!   innovation, though over the estimate before the gap it was as good as linear, by the measure that ends the search for a start
 //!   (`Search`). From there on the linearisation would decide the update, and not the measurement: the filter would be sure of a wrong
 //!   place. For a range that is a prediction known to no better than twice the distance to the anchor.
+//!
+//! A nonlinear start that leaves a target and its mirror image goes on with both, and without an estimate until the
+//! data tell which is right.
 
 use crate::error::StepError;
 use crate::fix::Status;
 use crate::linearised::Linearised;
 use crate::model::Model;
+use crate::pair::{Pair, Verdict, loss};
 use crate::recursion::{Interval, Recursion, Single};
 use crate::search::{self, BENT, Found, Search};
 use crate::tracker::Step;
@@ -38,15 +42,17 @@ pub struct Outcome<const N: usize> {
 }
 
 #[derive(Clone)]
-enum State<const N: usize, K> {
+enum State<const N: usize, R: Recursion<N>> {
     /// Nothing has arrived.
     New,
     /// Linear, without a prior: exact diffuse recursion.
     Diffuse(Box<Start<N>>),
     /// Nonlinear, without a prior: Gauss–Newton over a growing window.
     Searching(Box<Search<N>>),
+    /// Nonlinear, and one of two: anchors in one line do not tell a target from its mirror image.
+    Choosing(Box<Pair<N, R>>),
     /// The state is known.
-    Running(K),
+    Running(R::Known),
 }
 
 /// A linear start: the state may be determined already, but not yet well enough for an ordinary covariance.
@@ -82,7 +88,7 @@ pub struct Filter<const N: usize, R: Recursion<N> = Single> {
     /// What it filters by.
     pub model: Model<N>,
     recursion: R,
-    state: State<N, R::Known>,
+    state: State<N, R>,
     past: Option<Past<N>>,
     rows: Vec<Row<N>>,
     /// Which of the last instants with measurements missed, the newest in the lowest bit.
@@ -119,14 +125,26 @@ impl<const N: usize, R: Recursion<N>> Filter<N, R> {
         match &mut self.state {
             State::Searching(search) => {
                 let dt_s = self.past.map_or(0.0, |p| interval(p.t_s, step.t_s));
+                let keeps = record.is_some();
                 let found = search.step(&self.model, step, dt_s, record)?;
                 let nominal = search.newest();
-                if let Some(Found { belief, settled: true }) = found {
-                    self.state = State::Running(self.recursion.begin(&belief));
+                match found {
+                    Some(Found { belief, rival: None, settled: true }) => {
+                        self.state = State::Running(self.recursion.begin(&belief));
+                    }
+                    Some(Found { belief, rival: Some(rival), settled: true }) => {
+                        let records = if keeps { search.records(&self.model) } else { Default::default() };
+                        let filters = [(belief, nominal), (rival.belief, rival.newest)]
+                            .map(|(belief, nominal)| self.going_on(step, &belief, nominal));
+                        let pair = Pair::new(filters, rival.lead, rival.mirror, records);
+                        self.state = State::Choosing(Box::new(pair));
+                    }
+                    _ => {}
                 }
                 self.remember(step, nominal);
-                Ok(started(found.map(|f| f.belief), step))
+                Ok(started(found.filter(|f| f.rival.is_none()).map(|f| f.belief), step))
             }
+            State::Choosing(_) => self.choose(step, record),
             State::Running(_) => self.run(step, record),
             State::New if !unknown => self.run(step, record),
             State::New | State::Diffuse(_) => self.start(step, record),
@@ -135,9 +153,74 @@ impl<const N: usize, R: Recursion<N>> Filter<N, R> {
 
     /// Appends the instants whose linearisation was still open when the data ended.
     pub fn finish(&mut self, record: &mut Vec<Linearised<N>>) {
-        if let State::Searching(search) = &mut self.state {
-            search.finish(&self.model, record);
+        match &mut self.state {
+            State::Searching(search) => search.finish(&self.model, record),
+            State::Choosing(pair) => record.extend((0..pair.waiting()).map(|_| Linearised::forgotten())),
+            State::New | State::Diffuse(_) | State::Running(_) => {}
         }
+    }
+
+    /// A filter like this one that knows the state of the instant.
+    fn going_on(&self, step: &Step<'_>, belief: &Belief<N>, nominal: Vector<N>) -> Self {
+        let mut filter = Self::new(self.model.clone(), self.recursion.clone());
+        filter.state = State::Running(self.recursion.begin(belief));
+        filter.restarts = self.restarts;
+        filter.remember(step, nominal);
+        filter
+    }
+
+    /// One step of two filters of which one is right: the estimate is that of the one that turns out to be, and none before.
+    fn choose(
+        &mut self,
+        step: &Step<'_>,
+        mut record: Option<&mut Vec<Linearised<N>>>,
+    ) -> Result<Outcome<N>, StepError> {
+        let State::Choosing(pair) = &mut self.state else { return self.run(step, record) };
+        let (verdict, outcome) = pair.step(step, record.as_deref_mut())?;
+        match verdict {
+            Verdict::Open => {
+                self.remember(step, Vector::zeros());
+                Ok(started(None, step))
+            }
+            Verdict::Right(place) => {
+                let State::Choosing(pair) = std::mem::replace(&mut self.state, State::New) else {
+                    return Ok(outcome);
+                };
+                let (filter, waiting) = pair.take(place);
+                (self.state, self.past, self.misses) = (filter.state, filter.past, filter.misses);
+                if let Some(record) = record {
+                    record.extend(waiting);
+                }
+                Ok(outcome)
+            }
+            Verdict::Neither => {
+                let (waiting, mut own) = (pair.waiting(), Vec::new());
+                let outcome = self.restart(step, record.is_some().then_some(&mut own))?;
+                if let Some(record) = record {
+                    record.extend((0..waiting).map(|_| Linearised::forgotten()));
+                    record.append(&mut own);
+                }
+                Ok(outcome)
+            }
+        }
+    }
+
+    /// How little an instant's rows were expected, minus twice the logarithm of their density; 0 of a filter that
+    /// does not know the state.
+    ///
+    /// # Errors
+    /// [`StepError`].
+    pub(crate) fn surprise(&mut self, step: &Step<'_>) -> Result<f64, StepError> {
+        let (State::Running(known), Some(past)) = (&self.state, self.past) else { return Ok(0.0) };
+        let over = Interval { k: past.k, dt_s: interval(past.t_s, step.t_s), drive: past.drive };
+        let expected = R::belief(&self.recursion.predict(&self.model, known, &over));
+        self.rows.clear();
+        self.model.sensing.rows(step, &expected.mean, &mut self.rows);
+        let mut sum = 0.0;
+        let robust = self.model.robust;
+        kalman::update_noting(&expected, &self.rows, Robust::None, |i| sum += loss(robust, i.e * i.e / i.s) + i.s.ln())
+            .map_err(StepError::Core)?;
+        Ok(sum)
     }
 
     /// Gives up what is known and takes the instant as the first one of a new start. The prior belongs to the first start alone.

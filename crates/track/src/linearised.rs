@@ -17,6 +17,11 @@ pub struct Linearised<const N: usize> {
 }
 
 impl<const N: usize> Linearised<N> {
+    /// An instant of which there is no estimate.
+    pub(crate) fn forgotten() -> Self {
+        Self { nominal: Vector::zeros(), arrive: None, rows: Vec::new(), forgotten: true }
+    }
+
     /// Whether nothing is carried over from the instant before: the run's first that is not forgotten, or a new start.
     pub fn begins(&self) -> bool {
         self.arrive.is_none() && !self.forgotten

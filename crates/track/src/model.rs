@@ -41,6 +41,9 @@ pub trait Sensing<const N: usize>: Send + Sync {
     fn places(&self, _step: &Step<'_>) -> Vec<[f64; 3]> {
         Vec::new()
     }
+
+    /// Appends where the anchors behind one instant's packets stand.
+    fn sites(&self, _step: &Step<'_>, _out: &mut Vec<[f64; 3]>) {}
 }
 
 /// What a receiver holds at one instant.
@@ -96,6 +99,8 @@ pub struct Model<const N: usize> {
     pub centre_m: [f64; 3],
     /// How far from there the outermost anchor is.
     pub extent_m: f64,
+    /// A point on the side of the anchors' line or plane that the target is on.
+    pub side_m: Option<[f64; 3]>,
 }
 
 impl<const N: usize> Model<N> {
@@ -304,17 +309,18 @@ struct Radio {
     height_m: Option<f64>,
     /// Position and bias of each anchor, by id.
     anchors: Vec<([f64; 3], f64)>,
-    /// Component of the state that is the drifting error of the first anchor.
-    drift: Option<usize>,
+    /// Components of the state that are the drifting error of the first anchor, and that of all.
+    drift: [Option<usize>; 2],
 }
 
 impl Radios {
-    /// The spec's sensors on the first `axes` components of the state; `drift` says at which component the errors of a sensor begin.
+    /// The spec's sensors on the first `axes` components of the state; `drift` says at which component the errors of a sensor's anchors begin,
+    /// and which is the error that they share.
     pub fn new(
         axes: usize,
         sensors: &[SensorSpec],
         anchors: &Anchors,
-        mut drift: impl FnMut(&SensorSpec) -> Option<usize>,
+        mut drift: impl FnMut(&SensorSpec) -> Option<[Option<usize>; 2]>,
     ) -> Self {
         let radio = |s: &SensorSpec| Radio {
             kind: s.kind,
@@ -325,7 +331,7 @@ impl Radios {
             anchors: (0..anchors.len() as u32)
                 .map(|id| (anchors.position_m(id), s.bias.get(anchors.name(id)).copied().unwrap_or(0.0)))
                 .collect(),
-            drift: drift(s),
+            drift: drift(s).unwrap_or_default(),
         };
         Self { axes, sensors: sensors.iter().map(radio).collect() }
     }
@@ -336,14 +342,13 @@ impl Radios {
     fn each<const N: usize>(&self, packet: &Packet, x: &Vector<N>, mut hand_on: impl FnMut(Option<f64>, Row<N>)) {
         let kind = packet.content.kind();
         let Some(radio) = self.sensors.iter().find(|s| s.kind == kind) else { return };
-        let drifted = |anchor: AnchorId, row: Row<N>| match radio.drift {
-            None => row,
-            Some(first) => {
-                let error = first + anchor as usize;
-                let mut h = row.h;
-                h[error] = 1.0;
-                Row { h, residual: row.residual - x[error], var: row.var }
+        let drifted = |anchor: AnchorId, mut row: Row<N>| {
+            let [each, shared] = radio.drift;
+            for error in each.map(|first| first + anchor as usize).into_iter().chain(shared) {
+                row.h[error] = 1.0;
+                row.residual -= x[error];
             }
+            row
         };
         let sd = packet.sd.unwrap_or(radio.sd);
         let var = sd * sd;
@@ -496,6 +501,15 @@ impl<const N: usize> Sensing<N> for Radios {
             (3, None) => self.meets::<3>(step, None),
             (3, height_m) => self.meets::<2>(step, height_m),
             _ => Vec::new(),
+        }
+    }
+
+    fn sites(&self, step: &Step<'_>, out: &mut Vec<[f64; 3]>) {
+        for packet in step.packets {
+            let (kind, anchors) = packet.source();
+            if let Some(radio) = self.sensors.iter().find(|s| s.kind == kind) {
+                out.extend(anchors.iter().flatten().map(|id| radio.anchors[*id as usize].0));
+            }
         }
     }
 

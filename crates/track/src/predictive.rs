@@ -29,10 +29,10 @@ use crate::anchors::Anchors;
 use crate::error::BuildError;
 use crate::link::Link;
 use crate::model::{HeldRows, Model};
-use crate::packet::{Kind, Packet};
+use crate::packet::{Content, Kind, Packet};
 use crate::pipeline::arriving;
 use crate::registry;
-use crate::spec::{Receiver, Spec};
+use crate::spec::{Hold, Receiver, Spec};
 use crate::target::TargetPackets;
 use crate::tracker::Step;
 use crate::trail::Trail;
@@ -59,17 +59,37 @@ pub struct Foretold {
     pub innovation: f64,
     /// Variance foretold of the innovation.
     pub var: f64,
+    /// What was foretold of the value of two instants before, where it may be that.
+    pub old: Option<Old>,
+}
+
+/// The other thing that a value without a time may be: that of two instants before.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Old {
+    /// Probability, before the value is looked at.
+    pub probability: f64,
+    /// Measured less foretold.
+    pub innovation: f64,
+    /// Variance foretold.
+    pub var: f64,
 }
 
 impl Foretold {
-    /// Logarithm of the contaminated normal density of the innovation; −∞ for an estimate that is no number.
+    /// Logarithm of the contaminated normal density of the innovation, or of the mixture of two; −∞ for an estimate that is no number.
     pub fn log_density(&self) -> f64 {
-        log_density(self.innovation, self.var)
+        let new = log_density(self.innovation, self.var);
+        let Some(old) = self.old else { return new };
+        let (a, b) = ((1.0 - old.probability).ln() + new, old.probability.ln() + log_density(old.innovation, old.var));
+        let (more, less) = if a > b { (a, b) } else { (b, a) };
+        if more == f64::NEG_INFINITY { more } else { more + (less - more).exp().ln_1p() }
     }
 
-    /// `ν²/S`, 1 on average if the trail's covariance is right.
+    /// `ν²/S`, 1 on average if the trail's covariance is right; of two things that a value may be, by their share in the density.
     pub fn nis(&self) -> f64 {
-        self.innovation * self.innovation / self.var
+        let new = self.innovation * self.innovation / self.var;
+        let Some(old) = self.old else { return new };
+        let share = (old.probability.ln() + log_density(old.innovation, old.var) - self.log_density()).exp();
+        (1.0 - share) * new + share * old.innovation * old.innovation / old.var
     }
 }
 
@@ -158,6 +178,41 @@ fn size(sizes: &[f64]) -> Size {
     Size { scalars: n, rms, median }
 }
 
+/// Scores what a receiver without time stamps showed, by what the causal `trail` of some estimator foretold of it: otherwise as [`score`].
+///
+/// A value that repeats the one before, or is known to be old, says nothing of the trail and is left out. A value that is not is new where
+/// the receiver holds what it last received. With `hold = "paper"` it is z_{k−2} with probability `(1 − p)³ / (p + (1 − p)³)`: nothing came, now
+/// and the two times before, and that value was not shown then. Its density is the mixture of what was foretold of z_k and of z_{k−2}.
+///
+/// # Errors
+/// [`BuildError`] when the spec makes no model.
+pub fn score_held(spec: &Spec, anchors: &Anchors, packets: &TargetPackets, trail: &Trail) -> Result<Score, BuildError> {
+    let mut score = Score::default();
+    let mut foreteller = registry::foreteller(spec, anchors)?;
+    let paper = matches!(spec.link.receiver, Receiver::Unstamped { hold: Hold::Paper });
+    let mut shown: Vec<Content> = Vec::new();
+    let mut link = Link::new(&spec.link, spec.model.prior().is_some());
+    let mut unforetold = 0;
+    let mut one = |step: &Step<'_>| -> Result<(), Infallible> {
+        let repeats = step.held.iter().map(|p| &p.content).eq(&shown);
+        shown.clear();
+        shown.extend(step.held.iter().map(|p| p.content.clone()));
+        let lost = 1.0 - step.arrival;
+        let thrice = lost * lost * lost;
+        let old = if paper { thrice / (step.arrival + thrice) } else { 0.0 };
+        let mut take = |told: &Foretold| score.push(told);
+        let counts = !repeats && !step.packets.is_empty();
+        unforetold += foreteller.step(step, trail, old, counts.then_some(&mut take));
+        Ok(())
+    };
+    for packet in arriving(spec, packets) {
+        let Ok(()) = link.push(packet.clone(), &mut one);
+    }
+    let Ok(()) = link.flush(&mut one);
+    score.unforetold = unforetold;
+    Ok(score)
+}
+
 /// Scores the causal `trail` that some estimator made of `packets`, by `spec`'s motion and sensors.
 ///
 /// `packets` are as tables are read, less the sensors' latency, and become instants as [`track`](crate::pipeline::track) makes them.
@@ -207,7 +262,7 @@ pub fn each(
     let mut link = Link::new(&spec.link, spec.model.prior().is_some());
     let mut one = |step: &Step<'_>| -> Result<(), Infallible> {
         let counts = step.packets.first().is_some_and(|p| p.t_s >= from_s);
-        unforetold += foreteller.step(step, trail, counts.then_some(&mut *hand_on));
+        unforetold += foreteller.step(step, trail, 0.0, counts.then_some(&mut *hand_on));
         Ok(())
     };
     for packet in arriving(spec, packets) {
@@ -222,7 +277,7 @@ fn without_drift(spec: &Spec) -> Spec {
     let mut spec = spec.clone();
     for sensor in &mut spec.sensors {
         if let Some(drift) = sensor.drift.take() {
-            sensor.sd = sensor.sd.hypot(drift.sd);
+            sensor.sd = drift.all().fold(sensor.sd, |sd, lasting| sd.hypot(lasting.sd));
         }
     }
     spec
@@ -233,8 +288,9 @@ pub(crate) trait Foreteller {
     /// Number of state components.
     fn n(&self) -> usize;
 
-    /// Goes on to the next instant; hands on its scalars, if anyone wants them, and returns how many of them no estimate came before.
-    fn step(&mut self, step: &Step<'_>, trail: &Trail, hand_on: Option<&mut dyn FnMut(&Foretold)>) -> usize;
+    /// Goes on to the next instant; hands on its scalars, if anyone wants them, and returns how many of them no estimate came before. With
+    /// probability `old` they are those of two instants before.
+    fn step(&mut self, step: &Step<'_>, trail: &Trail, old: f64, hand_on: Option<&mut dyn FnMut(&Foretold)>) -> usize;
 }
 
 /// An estimate, and when it was made.
@@ -251,6 +307,8 @@ pub(crate) struct Carried<const N: usize> {
     /// Rows of the trail that are older than the instant.
     row: usize,
     known: Option<Known<N>>,
+    /// The row of the trail before that.
+    older: Option<Belief<N>>,
     /// The instant before and its input's push.
     before: Option<(u64, Vector<N>)>,
     held: HeldRows<N>,
@@ -258,7 +316,7 @@ pub(crate) struct Carried<const N: usize> {
 
 impl<const N: usize> Carried<N> {
     pub(crate) fn new(model: Model<N>) -> Self {
-        Self { model, row: 0, known: None, before: None, held: HeldRows::default() }
+        Self { model, row: 0, known: None, older: None, before: None, held: HeldRows::default() }
     }
 
     /// Takes the newest row of the trail before an instant.
@@ -273,15 +331,15 @@ impl<const N: usize> Carried<N> {
             self.row += 1;
         }
         if self.row > first {
-            let row = self.row - 1;
-            self.known = trail.mean(row).zip(trail.cov(row)).map(|(mean, cov)| Known {
-                k: trail.k[row],
-                t_s: trail.t_s[row],
-                belief: Belief {
+            let belief = |row: usize| {
+                trail.mean(row).zip(trail.cov(row)).map(|(mean, cov)| Belief {
                     mean: Vector::from_column_slice(mean),
                     cov: Matrix::from_fn(|i, j| cov[Trail::packed_index(N, i.min(j), i.max(j))]),
-                },
-            });
+                })
+            };
+            let row = self.row - 1;
+            self.known = belief(row).map(|belief| Known { k: trail.k[row], t_s: trail.t_s[row], belief });
+            self.older = row.checked_sub(1).and_then(belief);
         }
     }
 
@@ -299,6 +357,7 @@ impl<const N: usize> Carried<N> {
         step: &Step<'_>,
         packet: &[Packet],
         belief: Option<&Belief<N>>,
+        old: f64,
         hand_on: &mut dyn FnMut(&Foretold),
     ) -> usize {
         // Where nothing is foretold the values are merely counted.
@@ -308,16 +367,24 @@ impl<const N: usize> Carried<N> {
         let q = self.held.values.len();
         let present = (0..q).filter(|i| self.held.values[*i].is_some());
         let Some(belief) = belief else { return present.count() };
+        let told = |held: &HeldRows<N>, belief: &Belief<N>, i: usize| {
+            let h = &held.h[i];
+            let innovation = held.values[i].unwrap_or(f64::NAN) - held.expected[i];
+            // What rounding leaves of a variance of 0 may be negative.
+            (innovation, h.dot(&(belief.cov * h)).max(0.0) + held.r[i * q + i])
+        };
+        let before = self.older.filter(|_| old > 0.0);
+        let mut was = HeldRows::default();
+        if let Some(before) = &before {
+            self.model.sensing.held(&Step::new(step.k, step.t_s, packet), &before.mean, &mut was);
+        }
         for i in present {
-            let h = &self.held.h[i];
-            hand_on(&Foretold {
-                k: step.k,
-                t_s: step.t_s,
-                kind: packet[0].content.kind(),
-                innovation: self.held.values[i].unwrap_or(f64::NAN) - self.held.expected[i],
-                // What rounding leaves of a variance of 0 may be negative.
-                var: h.dot(&(belief.cov * h)).max(0.0) + self.held.r[i * q + i],
+            let (innovation, var) = told(&self.held, belief, i);
+            let old = before.as_ref().map(|before| {
+                let (innovation, var) = told(&was, before, i);
+                Old { probability: old, innovation, var }
             });
+            hand_on(&Foretold { k: step.k, t_s: step.t_s, kind: packet[0].content.kind(), innovation, var, old });
         }
         0
     }
@@ -328,13 +395,13 @@ impl<const N: usize> Foreteller for Carried<N> {
         N
     }
 
-    fn step(&mut self, step: &Step<'_>, trail: &Trail, hand_on: Option<&mut dyn FnMut(&Foretold)>) -> usize {
+    fn step(&mut self, step: &Step<'_>, trail: &Trail, old: f64, hand_on: Option<&mut dyn FnMut(&Foretold)>) -> usize {
         self.catch_up(step, trail);
         let belief = self.foretell(step);
         let mut unforetold = 0;
         if let Some(hand_on) = hand_on {
             for packet in step.packets.chunks(1) {
-                unforetold += self.packet(step, packet, belief.as_ref(), hand_on);
+                unforetold += self.packet(step, packet, belief.as_ref(), old, hand_on);
             }
         }
         if self.model.layout.is_linear() {
@@ -374,8 +441,19 @@ mod tests {
     }
 
     #[test]
+    fn a_value_that_may_be_old_has_the_density_of_the_mixture() {
+        let old = Old { probability: 0.3, innovation: -2.0, var: 0.5 };
+        let told = Foretold { k: 1, t_s: None, kind: Kind::Range, innovation: 1.0, var: 4.0, old: Some(old) };
+        let (a, b) = (0.7 * log_density(1.0, 4.0).exp(), 0.3 * log_density(-2.0, 0.5).exp());
+        assert!((told.log_density() - (a + b).ln()).abs() < 1e-12);
+        assert!((told.nis() - (a * 0.25 + b * 8.0) / (a + b)).abs() < 1e-12);
+        let surely_new = Foretold { old: Some(Old { probability: 0.0, ..old }), ..told };
+        assert_eq!((surely_new.log_density(), surely_new.nis()), (log_density(1.0, 4.0), 0.25));
+    }
+
+    #[test]
     fn sizes_take_the_middle_and_scores_add_up() {
-        let told = |innovation: f64| Foretold { k: 0, t_s: None, kind: Kind::Range, innovation, var: 4.0 };
+        let told = |innovation: f64| Foretold { k: 0, t_s: None, kind: Kind::Range, innovation, var: 4.0, old: None };
         let of = |values: &[f64]| {
             let mut score = Score::default();
             values.iter().for_each(|v| score.push(&told(*v)));

@@ -14,8 +14,8 @@ use crate::predictive::{Carried, Foreteller};
 use crate::recursion::{Modes, Single};
 use crate::simulator::Simulator;
 use crate::spec::{
-    Align, EmvfVariant, EstimatorSpec, KinematicSpec, LinearSpec, ModeSpec, ModelSpec, Prior, Receiver, SensorSpec,
-    Span, Spec,
+    Align, EmvfVariant, EstimatorSpec, KinematicSpec, Lasting, LinearSpec, ModeSpec, ModelSpec, Prior, Receiver,
+    SensorSpec, Span, Spec,
 };
 use crate::tracker::Tracker;
 use crate::trackers::LaggedMode;
@@ -210,6 +210,7 @@ fn sized<const N: usize>(spec: &Spec, anchors: &Anchors) -> Result<Model<N>, Bui
                 robust: fixtrail_core::estimators::kalman::Robust::None,
                 centre_m: [0.0; 3],
                 extent_m: 0.0,
+                side_m: None,
             })
         }
         ModelSpec::Turn(_) => Err(fail("is a coordinated turn of another dimension".to_owned())),
@@ -229,8 +230,11 @@ fn assemble<const N: usize>(
     let centre_m = centre(anchors);
     let drifts = drifts(spec, anchors);
     let mut first = drifts.iter().map(|d| d.first);
-    let component = |s: &SensorSpec| if s.drift.is_some() { first.next() } else { None };
-    let sensing: Arc<dyn Sensing<N>> = Arc::new(Radios::new(layout.axes, &spec.sensors, anchors, component));
+    let components = |s: &SensorSpec| {
+        let drift = s.drift?;
+        Some([drift.each, drift.shared].map(|lasting| lasting.and_then(|_| first.next())))
+    };
+    let sensing: Arc<dyn Sensing<N>> = Arc::new(Radios::new(layout.axes, &spec.sensors, anchors, components));
     let nonlinear = nonlinear_motion || spec.sensors.iter().any(|s| s.kind != Kind::Position);
     for drift in &drifts {
         known.extend((drift.first..drift.first + drift.count).map(|i| (i, 0.0, drift.sd)));
@@ -268,6 +272,7 @@ fn assemble<const N: usize>(
         robust: robust(&spec.sensors),
         centre_m,
         extent_m: extent(anchors, centre_m),
+        side_m: spec.side_m,
     }
 }
 
@@ -276,8 +281,11 @@ fn drifts(spec: &Spec, anchors: &Anchors) -> Vec<Drift> {
     let mut first = layout(spec).n();
     let mut out = Vec::new();
     for drift in spec.sensors.iter().filter_map(|s| s.drift) {
-        out.push(Drift { first, count: anchors.len(), sd: drift.sd, time_s: drift.time_s });
-        first += anchors.len();
+        for (lasting, count) in [(drift.each, anchors.len()), (drift.shared, 1)] {
+            let Some(Lasting { sd, time_s }) = lasting else { continue };
+            out.push(Drift { first, count, sd, time_s });
+            first += count;
+        }
     }
     out
 }

@@ -3,14 +3,17 @@
 use crate::error::StepError;
 use crate::heap::Heap;
 use crate::linearised::Linearised;
+use crate::mirror::Mirror;
 use crate::model::Model;
 use crate::packet::{Content, Kind, Packet};
+use crate::pair::DECISIVE;
 use crate::tracker::Step;
 use fixtrail_core::estimators::fms::newton::{ColdStart, MOST_ROWS, Newton, WindowModel};
 use fixtrail_core::estimators::kalman::{self, Robust};
 use fixtrail_core::estimators::smoother::Arrive;
 use fixtrail_core::linalg::{compress, semidefinite_factor};
 use fixtrail_core::{Belief, Matrix, Row, Transition, Vector};
+use std::cmp::Ordering;
 use std::collections::VecDeque;
 
 /// Most instants that the start looks back over; older ones are forgotten.
@@ -68,8 +71,19 @@ impl<const N: usize> WindowModel<N> for KeptWindow<'_, N> {
     }
 }
 
-/// Whether the packets of a window can fix a position: enough different anchors, or positions themselves.
-pub(crate) fn enough<'a>(axes: usize, kept: impl Iterator<Item = &'a Kept>) -> bool {
+/// What the packets of a window may fix.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Enough {
+    /// No position.
+    No,
+    /// Two: the distances are as many as the axes.
+    Pair,
+    /// One position: enough different anchors, or positions themselves. Anchors in one line may still leave two.
+    Yes,
+}
+
+/// What the packets of a window may fix.
+pub(crate) fn enough<'a>(axes: usize, kept: impl Iterator<Item = &'a Kept>) -> Enough {
     // One more than the axes: with as many, two positions fit. A strength says what a range does.
     let mut seen = [(Kind::Position, [None; 2]); 4];
     let mut count = 0;
@@ -82,7 +96,7 @@ pub(crate) fn enough<'a>(axes: usize, kept: impl Iterator<Item = &'a Kept>) -> b
         let source = match kind {
             // A height is one thing known, like a range.
             Kind::Position if height_alone => (kind, anchors),
-            Kind::Position | Kind::Linear => return true,
+            Kind::Position | Kind::Linear => return Enough::Yes,
             Kind::Range | Kind::Rssi => (Kind::Range, anchors),
             Kind::Tdoa | Kind::Bearing => (kind, anchors),
         };
@@ -96,15 +110,16 @@ pub(crate) fn enough<'a>(axes: usize, kept: impl Iterator<Item = &'a Kept>) -> b
             _ => false,
         };
         if axes == 2 && seen[..count].iter().any(settles) {
-            return true;
+            return Enough::Yes;
         }
         seen[count] = source;
         count += 1;
         if count > axes {
-            return true;
+            return Enough::Yes;
         }
     }
-    false
+    let distances = seen[..count].iter().all(|(kind, _)| *kind == Kind::Range);
+    if axes > 1 && count == axes && distances { Enough::Pair } else { Enough::No }
 }
 
 /// Where a search without a trajectory begins: at the centre of the anchors, as far out as the longest range says, or the outermost anchor
@@ -127,23 +142,46 @@ pub(crate) fn cold_start<'a, const N: usize>(model: &Model<N>, kept: impl Iterat
     ColdStart { guess, spread }
 }
 
+/// Two solutions closer than this share of their standard deviations are one.
+const SAME: f64 = 1e-3;
+
 /// What the search has found.
 #[derive(Clone, Copy, Debug)]
 pub struct Found<const N: usize> {
     /// The newest state.
     pub belief: Belief<N>,
-    /// Whether a filter can go on from it; the search is over then.
+    /// Another one that the window does not tell from it.
+    pub(crate) rival: Option<Rival<N>>,
+    /// Whether a filter can go on from it, or two can; the search is over then.
     pub settled: bool,
 }
+
+/// A second solution of a window.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Rival<const N: usize> {
+    /// The newest state.
+    pub(crate) belief: Belief<N>,
+    /// The point that the newest instant was linearised at.
+    pub(crate) newest: Vector<N>,
+    /// By how much it fits worse.
+    pub(crate) lead: f64,
+    /// Where it was looked for.
+    pub(crate) mirror: Mirror,
+}
+
+/// The solution of a window, and perhaps another.
+type Solution<const N: usize> = (Belief<N>, Option<Rival<N>>);
 
 /// The search for a first estimate.
 #[derive(Clone)]
 pub struct Search<const N: usize> {
     newton: Newton<N, Heap>,
+    /// The trajectory of a second solution.
+    rival: Option<Newton<N, Heap>>,
     kept: VecDeque<Kept>,
     rows: Vec<Row<N>>,
     newest: Vector<N>,
-    /// Whether the window determined the state when last tried.
+    /// Whether the window determined one state when last tried.
     found: bool,
 }
 
@@ -155,7 +193,7 @@ impl<const N: usize> Search<N> {
     pub fn new() -> Result<Self, StepError> {
         let room = fixtrail_core::StepError::WindowFull { capacity: 0, needed: START_INSTANTS };
         let newton = Newton::new(START_INSTANTS).ok_or(StepError::Core(room))?;
-        Ok(Self { newton, kept: VecDeque::new(), rows: Vec::new(), newest: Vector::zeros(), found: false })
+        Ok(Self { newton, rival: None, kept: VecDeque::new(), rows: Vec::new(), newest: Vector::zeros(), found: false })
     }
 
     /// The point that the newest instant was linearised at.
@@ -163,7 +201,7 @@ impl<const N: usize> Search<N> {
         self.newest
     }
 
-    /// Takes one instant; returns the state when the window determines it. Appends the window to `record` once it is settled.
+    /// Takes one instant; returns the state when the window determines it, or two. Appends the window to `record` once one is settled.
     ///
     /// # Errors
     /// [`StepError`]; nothing has changed then.
@@ -176,24 +214,34 @@ impl<const N: usize> Search<N> {
     ) -> Result<Option<Found<N>>, StepError> {
         self.kept.push_back(Kept::new(step, dt_s, Vec::new()));
         let solution = self.solve(model)?;
-        self.found = solution.is_some();
+        self.found = matches!(solution, Some((_, None)));
         let full = self.kept.len() == START_INSTANTS;
-        let Some(belief) = solution else {
+        let Some((belief, rival)) = solution else {
             if full {
                 self.kept.pop_front();
                 self.newton.drop_front(1);
                 if let Some(record) = record {
-                    record.push(forgotten());
+                    record.push(Linearised::forgotten());
                 }
             }
             return Ok(None);
         };
         self.newest = self.newton.nominal().last().copied().unwrap_or(belief.mean);
-        let settled = full || self.is_nearly_linear(model, step, &belief);
-        if let (Some(record), true) = (record, settled) {
-            self.linearise(model, record);
+        // A window that leaves two goes on as long as it can: each of its instants is linearised at both, as no filter does it.
+        let settled = full || rival.is_none() && self.is_nearly_linear(model, step, &belief);
+        if let (Some(record), true, None) = (record, settled, rival) {
+            linearise(model, &self.kept, &self.newton, record);
         }
-        Ok(Some(Found { belief, settled }))
+        Ok(Some(Found { belief, rival, settled }))
+    }
+
+    /// The window as the two solutions that it was left with linearise it.
+    pub(crate) fn records(&self, model: &Model<N>) -> [Vec<Linearised<N>>; 2] {
+        [Some(&self.newton), self.rival.as_ref()].map(|newton| {
+            let mut record = Vec::new();
+            newton.into_iter().for_each(|newton| linearise(model, &self.kept, newton, &mut record));
+            record
+        })
     }
 
     /// The newest state as the window determines it; a robust one only once the window has rows to spare and agrees with itself.
@@ -201,18 +249,22 @@ impl<const N: usize> Search<N> {
     /// The measurement that misses by most of its standard deviations is taken out of the window and the rest solved again, until none
     /// misses by more than three (data snooping \[BAA68\]) or a quarter is gone: then the window is left whole and determines nothing. A
     /// full window is taken as it is: its sensors are noisier than the model says.
-    fn solve(&mut self, model: &Model<N>) -> Result<Option<Belief<N>>, StepError> {
+    fn solve(&mut self, model: &Model<N>) -> Result<Option<Solution<N>>, StepError> {
         let robust = model.robust != Robust::None && self.kept.len() < START_INSTANTS;
         let whole = robust.then(|| (self.kept.clone(), self.newton.clone()));
         let mut taken_out = 0;
         let found = loop {
-            if !enough(model.layout.axes, self.kept.iter()) {
+            let enough = enough(model.layout.axes, self.kept.iter());
+            if enough == Enough::No {
                 break None;
             }
             let cold = cold_start(model, self.kept.iter());
-            let belief = self.best(model, &cold)?;
-            if !robust || belief.is_none() {
-                break belief;
+            let solution = self.best(model, &cold)?;
+            if enough == Enough::Pair && !matches!(solution, Some((_, Some(_)))) {
+                break None;
+            }
+            if !robust || solution.is_none() {
+                break solution;
             }
             let (count, worst) = self.worst(model);
             // Rows to spare: twice as many as there are unknowns.
@@ -229,7 +281,7 @@ impl<const N: usize> Search<N> {
                     taken_out += 1;
                     self.newton.clear();
                 }
-                _ => break belief,
+                _ => break solution,
             }
         };
         if let (None, Some((kept, newton))) = (&found, whole) {
@@ -240,15 +292,19 @@ impl<const N: usize> Search<N> {
 
     /// The newest state by the solution of the window that fits best: the one that the search goes on to, or those from the places that its
     /// first and its newest instant suggest by themselves. Time differences have valleys that the centre of the anchors does not lead out of.
-    fn best(&mut self, model: &Model<N>, cold: &ColdStart<N>) -> Result<Option<Belief<N>>, StepError> {
+    /// With it the mirrored solution, where it is another one that fits as well.
+    fn best(&mut self, model: &Model<N>, cold: &ColdStart<N>) -> Result<Option<Solution<N>>, StepError> {
         let len = self.kept.len();
         let mut view = KeptWindow { model, kept: &self.kept, rows: &mut self.rows };
         let mut best = self.newton.solve(&mut view, len, None, cold).map_err(StepError::Core)?.filter;
         let ends = [self.kept.front(), self.kept.back().filter(|_| len > 1)];
         let places: Vec<[f64; 3]> =
             ends.into_iter().flatten().flat_map(|kept| model.sensing.places(&kept.step())).collect();
-        let mut least =
-            if places.is_empty() || best.is_none() { f64::INFINITY } else { self.misfit(model, &self.newton.clone()) };
+        let mut least = if places.is_empty() || best.is_none() {
+            f64::INFINITY
+        } else {
+            misfit(model, &self.kept, &self.newton, &mut self.rows)
+        };
         for place in places {
             let guess = Vector::from_fn(|i, _| if i < model.layout.axes { place[i] } else { 0.0 });
             let mut newton = self.newton.clone();
@@ -258,25 +314,52 @@ impl<const N: usize> Search<N> {
             let Some(found) = newton.solve(&mut view, len, None, &start).map_err(StepError::Core)?.filter else {
                 continue;
             };
-            let misfit = self.misfit(model, &newton);
+            let misfit = misfit(model, &self.kept, &newton, &mut self.rows);
             // The same solution found again is no better.
             if misfit < least - 1e-6 * (1.0 + misfit) {
                 (best, least) = (Some(found), misfit);
                 self.newton = newton;
             }
         }
-        Ok(best)
+        let Some(mirror) = mirror(model, self.kept.iter()) else { return Ok(best.map(|b| (b, None))) };
+        if best.is_none() && mirror.narrow {
+            // On the mirror itself nothing is seen across it.
+            let guess = mirror.beside(&cold.guess, 0.5 * cold.spread[0]);
+            let mut view = KeptWindow { model, kept: &self.kept, rows: &mut self.rows };
+            let start = ColdStart { guess, ..*cold };
+            best = self.newton.solve(&mut view, len, None, &start).map_err(StepError::Core)?.filter;
+        }
+        let Some(best) = best else {
+            self.rival = None;
+            return Ok(None);
+        };
+        self.choose(model, cold, &mirror, best).map(Some)
     }
 
-    /// Sum of the squared misses of a solution's measurements over their variances.
-    fn misfit(&mut self, model: &Model<N>, newton: &Newton<N, Heap>) -> f64 {
-        let mut sum = 0.0;
-        for (kept, x) in self.kept.iter().zip(newton.nominal()) {
-            self.rows.clear();
-            model.sensing.rows(&kept.step(), x, &mut self.rows);
-            sum += self.rows.iter().map(|r| r.residual * r.residual / r.var).sum::<f64>();
+    /// The better one of a solution and its mirror image, with the other where the data do not decide.
+    fn choose(
+        &mut self,
+        model: &Model<N>,
+        cold: &ColdStart<N>,
+        mirror: &Mirror,
+        best: Belief<N>,
+    ) -> Result<Solution<N>, StepError> {
+        self.rival = None;
+        let image = image(model, &self.kept, &self.newton, cold, mirror, &best, &mut self.rows)?;
+        let Some(image) = image else { return Ok((best, None)) };
+        let verdict = is_right(model, mirror, &best, &image);
+        let Image { mut newton, belief, lead } = image;
+        let (mut best, mut rival) = (best, belief);
+        if verdict.unwrap_or(lead < 0.0) {
+            std::mem::swap(&mut best, &mut rival);
+            std::mem::swap(&mut self.newton, &mut newton);
         }
-        sum
+        if verdict.is_some() {
+            return Ok((best, None));
+        }
+        let newest = newton.nominal().last().copied().unwrap_or(rival.mean);
+        self.rival = Some(newton);
+        Ok((best, Some(Rival { belief: rival, newest, lead: lead.abs(), mirror: *mirror })))
     }
 
     /// Number of rows in the window, and the packet that misses its solution by most standard deviations: instant, packet, how many.
@@ -323,29 +406,111 @@ impl<const N: usize> Search<N> {
     /// Appends the instants kept when the data end: linearised where the window determines them, forgotten otherwise.
     pub fn finish(&mut self, model: &Model<N>, record: &mut Vec<Linearised<N>>) {
         if self.found {
-            self.linearise(model, record);
+            linearise(model, &self.kept, &self.newton, record);
         } else {
-            record.extend(self.kept.iter().map(|_| forgotten()));
+            record.extend(self.kept.iter().map(|_| Linearised::forgotten()));
         }
         self.kept.clear();
     }
+}
 
-    fn linearise(&self, model: &Model<N>, record: &mut Vec<Linearised<N>>) {
-        let nominal = self.newton.nominal();
-        let mut scratch = Vec::new();
-        let mut view = KeptWindow { model, kept: &self.kept, rows: &mut scratch };
-        for (i, kept) in self.kept.iter().enumerate() {
-            let arrive = (i > 0).then(|| {
-                let leap = view.leap(i, &nominal[i - 1]);
-                Arrive { f: leap.f, offset: leap.next - nominal[i], q: leap.q }
-            });
-            let mut rows = Vec::new();
-            if i == 0 {
-                rows.extend(model.known_rows(&nominal[i]));
-            }
-            model.sensing.rows(&kept.step(), &nominal[i], &mut rows);
-            record.push(Linearised { nominal: nominal[i], arrive, rows, forgotten: false });
+/// The mirror image of a window's solution, where that is another solution.
+pub(crate) struct Image<const N: usize> {
+    /// Its trajectory.
+    pub(crate) newton: Newton<N, Heap>,
+    /// Its newest state.
+    pub(crate) belief: Belief<N>,
+    /// By how much it fits worse.
+    pub(crate) lead: f64,
+}
+
+/// The solution that a search from the mirror image of another, `best` along `newton`, leads to; `None` where it leads back or nowhere.
+pub(crate) fn image<const N: usize>(
+    model: &Model<N>,
+    kept: &VecDeque<Kept>,
+    newton: &Newton<N, Heap>,
+    cold: &ColdStart<N>,
+    mirror: &Mirror,
+    best: &Belief<N>,
+    rows: &mut Vec<Row<N>>,
+) -> Result<Option<Image<N>>, StepError> {
+    let Some(oldest) = newton.nominal().first() else { return Ok(None) };
+    let start = ColdStart { guess: mirror.reflected(oldest), ..*cold };
+    let mut other = newton.clone();
+    other.clear();
+    let mut view = KeptWindow { model, kept, rows };
+    let found = other.solve(&mut view, kept.len(), None, &start).map_err(StepError::Core)?.filter;
+    let same = |found: &Belief<N>| {
+        let near =
+            |i: usize| (best.mean[i] - found.mean[i]).abs() <= SAME * best.cov[(i, i)].min(found.cov[(i, i)]).sqrt();
+        (0..model.layout.axes).all(near)
+    };
+    let Some(belief) = found.filter(|found| !same(found)) else { return Ok(None) };
+    let lead = misfit(model, kept, &other, rows) - misfit(model, kept, newton, rows);
+    Ok(Some(Image { newton: other, belief, lead }))
+}
+
+/// Whether the image of a solution is right and the solution wrong, as far as their fit or the side that the spec knows tells.
+pub(crate) fn is_right<const N: usize>(
+    model: &Model<N>,
+    mirror: &Mirror,
+    solution: &Belief<N>,
+    image: &Image<N>,
+) -> Option<bool> {
+    if !(image.lead.abs() <= DECISIVE) {
+        return Some(image.lead < 0.0);
+    }
+    let side_m = model.side_m?;
+    let [here, there] = [solution, &image.belief].map(|b| mirror.is_on_side_of(&b.mean, &side_m));
+    (here != there).then_some(there)
+}
+
+/// Sum of the squared misses of a solution's measurements over their variances.
+fn misfit<const N: usize>(
+    model: &Model<N>,
+    kept: &VecDeque<Kept>,
+    newton: &Newton<N, Heap>,
+    rows: &mut Vec<Row<N>>,
+) -> f64 {
+    let mut sum = 0.0;
+    for (kept, x) in kept.iter().zip(newton.nominal()) {
+        rows.clear();
+        model.sensing.rows(&kept.step(), x, rows);
+        sum += rows.iter().map(|r| r.residual * r.residual / r.var).sum::<f64>();
+    }
+    sum
+}
+
+/// The mirror of a window's anchors.
+pub(crate) fn mirror<'a, const N: usize>(model: &Model<N>, kept: impl Iterator<Item = &'a Kept>) -> Option<Mirror> {
+    let mut sites = Vec::new();
+    kept.for_each(|kept| model.sensing.sites(&kept.step(), &mut sites));
+    sites.sort_by(|a, b| a.iter().zip(b).map(|(a, b)| a.total_cmp(b)).find(|o| o.is_ne()).unwrap_or(Ordering::Equal));
+    sites.dedup();
+    Mirror::of(&model.layout, &sites)
+}
+
+/// Appends a window, linearised along its solution.
+fn linearise<const N: usize>(
+    model: &Model<N>,
+    kept: &VecDeque<Kept>,
+    newton: &Newton<N, Heap>,
+    record: &mut Vec<Linearised<N>>,
+) {
+    let nominal = newton.nominal();
+    let mut scratch = Vec::new();
+    let mut view = KeptWindow { model, kept, rows: &mut scratch };
+    for (i, kept) in kept.iter().enumerate() {
+        let arrive = (i > 0).then(|| {
+            let leap = view.leap(i, &nominal[i - 1]);
+            Arrive { f: leap.f, offset: leap.next - nominal[i], q: leap.q }
+        });
+        let mut rows = Vec::new();
+        if i == 0 {
+            rows.extend(model.known_rows(&nominal[i]));
         }
+        model.sensing.rows(&kept.step(), &nominal[i], &mut rows);
+        record.push(Linearised { nominal: nominal[i], arrive, rows, forgotten: false });
     }
 }
 
@@ -381,8 +546,4 @@ pub(crate) fn is_nearly_linear<const N: usize>(
         }
     }
     true
-}
-
-fn forgotten<const N: usize>() -> Linearised<N> {
-    Linearised { nominal: Vector::zeros(), arrive: None, rows: Vec::new(), forgotten: true }
 }

@@ -110,6 +110,26 @@ impl Trail {
         out
     }
 
+    /// The smoother's half as a trail of its own, at the instants it describes; empty without one.
+    pub fn smoothed(&self) -> Trail {
+        let mut out = Trail::new(self.n, false);
+        let Some(lagged) = &self.lagged else { return out };
+        for row in 0..self.len() {
+            let (Some(k), Some((mean, cov)), Some(status)) = (lagged.k[row], self.lagged(row), lagged.status[row])
+            else {
+                continue;
+            };
+            out.k.push(k);
+            out.t_s.push(lagged.t_s[row]);
+            out.mean.extend_from_slice(mean);
+            out.cov.extend_from_slice(cov);
+            out.status.push(status);
+            out.nis.push(None);
+            out.nis_dof.push(0);
+        }
+        out
+    }
+
     /// Number of rows.
     pub fn len(&self) -> usize {
         self.k.len()

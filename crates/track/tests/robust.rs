@@ -94,6 +94,7 @@ fn spec(estimator: EstimatorSpec, robust: Robust, noise: f64, prior: Option<Prio
         sensors: vec![sensor],
         columns: BTreeMap::new(),
         anchors: None,
+        side_m: None,
     }
 }
 

@@ -7,7 +7,8 @@ use fixtrail_track::packet::{Content, Kind, Packet};
 use fixtrail_track::pipeline::track;
 use fixtrail_track::registry::{self, BuildOptions};
 use fixtrail_track::spec::{
-    DriftSpec, EstimatorSpec, GaussMarkovSpec, KinematicSpec, ModelSpec, Robust, SensorSpec, Span, Spec, TurnSpec,
+    DriftSpec, EstimatorSpec, GaussMarkovSpec, KinematicSpec, Lasting, ModelSpec, Robust, SensorSpec, Span, Spec,
+    TurnSpec,
 };
 use fixtrail_track::target::TargetPackets;
 use fixtrail_track::trackers::LaggedMode;
@@ -19,7 +20,10 @@ use support::spec_of;
 
 const SITES: [[f64; 2]; 4] = [[0.0, 0.0], [20.0, 0.0], [0.0, 20.0], [20.0, 20.0]];
 const SD: f64 = 0.1;
-const DRIFT: DriftSpec = DriftSpec { sd: 0.4, time_s: 20.0 };
+const LASTING: Lasting = Lasting { sd: 0.4, time_s: 20.0 };
+const DRIFT: DriftSpec = DriftSpec { each: Some(LASTING), shared: None };
+const SHARED: DriftSpec = DriftSpec { each: None, shared: Some(LASTING) };
+const BOTH: DriftSpec = DriftSpec { each: Some(LASTING), shared: Some(Lasting { sd: 0.3, time_s: 5.0 }) };
 
 fn anchors() -> Anchors {
     let mut anchors = Anchors::default();
@@ -95,8 +99,8 @@ fn stationary_tracks_equal_gaussian_process_regression() {
     }
 }
 
-/// Errors of each anchor that last, a target of the hall's law, and its ranges twice a second.
-fn walk(rng: &mut Random, len: usize) -> (Vec<Packet>, Vec<[f64; 2]>) {
+/// Errors of each anchor, or of all, that last, a target of the hall's law, and its ranges twice a second.
+fn walk(rng: &mut Random, len: usize, shared: bool) -> (Vec<Packet>, Vec<[f64; 2]>) {
     let (hall, dt) = (hall(), 0.5);
     let motion = |axis: usize| {
         let lambda = hall.speed_mps[axis] / hall.spread_m[axis];
@@ -111,14 +115,15 @@ fn walk(rng: &mut Random, len: usize) -> (Vec<Packet>, Vec<[f64; 2]>) {
     };
     let motions = [motion(0), motion(1)];
     let mut state = [0, 1].map(|axis| [hall.spread_m[axis] * rng.normal(), hall.speed_mps[axis] * rng.normal()]);
-    let mut errors = SITES.map(|_| DRIFT.sd * rng.normal());
-    let kept = (-dt / DRIFT.time_s).exp();
+    let mut errors = SITES.map(|_| LASTING.sd * rng.normal());
+    let kept = (-dt / LASTING.time_s).exp();
     let (mut packets, mut truth) = (Vec::new(), Vec::new());
     for k in 0..len {
         let at = [hall.centre_m[0] + state[0][0], hall.centre_m[1] + state[1][0]];
         truth.push(at);
         for (anchor, site) in SITES.iter().enumerate() {
-            let value_m = (at[0] - site[0]).hypot(at[1] - site[1]) + errors[anchor] + SD * rng.normal();
+            let value_m =
+                (at[0] - site[0]).hypot(at[1] - site[1]) + errors[if shared { 0 } else { anchor }] + SD * rng.normal();
             packets.push(packet(k as f64 * dt, Content::Range { anchor: anchor as u32, value_m }));
         }
         for (axis, (f, root)) in motions.iter().enumerate() {
@@ -126,22 +131,27 @@ fn walk(rng: &mut Random, len: usize) -> (Vec<Packet>, Vec<[f64; 2]>) {
             let [p, v] = state[axis];
             state[axis] = [f[0][0] * p + f[0][1] * v + w[0], f[1][0] * p + f[1][1] * v + w[1]];
         }
-        errors = errors.map(|e| kept * e + DRIFT.sd * (1.0 - kept * kept).sqrt() * rng.normal());
+        errors = errors.map(|e| kept * e + LASTING.sd * (1.0 - kept * kept).sqrt() * rng.normal());
     }
     (packets, truth)
 }
 
 fn spec(drift: Option<DriftSpec>, estimator: EstimatorSpec) -> Spec {
-    let sd = if drift.is_some() { SD } else { SD.hypot(DRIFT.sd) };
+    let sd = if drift.is_some() { SD } else { SD.hypot(LASTING.sd) };
     Spec { sensors: vec![sensor(Kind::Range, sd, drift)], ..spec_of(ModelSpec::GaussMarkov(hall()), estimator) }
 }
 
 /// Mean squared error and mean NEES of the last position over many walks.
 fn judged(drift: Option<DriftSpec>, estimator: EstimatorSpec, at: usize) -> (f64, f64) {
+    judged_on(false, drift, estimator, at)
+}
+
+/// As [`judged`], on walks whose errors are shared or not.
+fn judged_on(shared: bool, drift: Option<DriftSpec>, estimator: EstimatorSpec, at: usize) -> (f64, f64) {
     let mut rng = Random::new(32);
     let (mut squares, mut nees, runs) = (0.0, 0.0, 300);
     for _ in 0..runs {
-        let (packets, truth) = walk(&mut rng, 60);
+        let (packets, truth) = walk(&mut rng, 60, shared);
         let trail = trail_of(&spec(drift, estimator), packets, LaggedMode::Own);
         let mean = trail.mean(at).expect("it has started");
         let e = DVector::from_fn(2, |i, _| mean[i] - truth[at][i]);
@@ -166,6 +176,23 @@ fn errors_that_last_are_told_from_noise() {
 }
 
 #[test]
+fn an_error_that_all_anchors_share_is_one_state() {
+    let (with, nees) = judged_on(true, Some(SHARED), EstimatorSpec::Ekf, 59);
+    let (each, _) = judged_on(true, Some(DRIFT), EstimatorSpec::Ekf, 59);
+    println!("{with} {nees} {each}");
+    // As above.
+    assert!((nees - 2.0).abs() < 0.5, "{nees}");
+    // Four ranges less one error that they share leave three to find two coordinates by, four errors leave the law of the hall: on these
+    // walks a quarter of the squared error.
+    assert!(with < 0.5 * each, "{with} {each}");
+    // Where there is only that one, a filter that knows of errors of each anchor too expects more and errs little more.
+    let (both, nees) = judged_on(true, Some(BOTH), EstimatorSpec::Ekf, 59);
+    assert!(both < each && nees < 2.5, "{both} {nees}");
+    let (smoother, nees) = judged_on(true, Some(SHARED), EstimatorSpec::Rts, 30);
+    assert!((nees - 2.0).abs() < 0.6 && smoother < with, "{smoother} {nees}");
+}
+
+#[test]
 fn smoothers_go_back_over_errors_that_last() {
     let (filter, _) = judged(Some(DRIFT), EstimatorSpec::Ekf, 30);
     for estimator in [EstimatorSpec::Rts, EstimatorSpec::FixedLagKalman { lag: Span::Instants(10) }] {
@@ -179,7 +206,7 @@ fn smoothers_go_back_over_errors_that_last() {
 
 #[test]
 fn errors_of_sensors_are_not_shown() {
-    let (packets, _) = walk(&mut Random::new(33), 20);
+    let (packets, _) = walk(&mut Random::new(33), 20, false);
     let trail = trail_of(&spec(Some(DRIFT), EstimatorSpec::Rts), packets.clone(), LaggedMode::Both);
     assert_eq!(trail.n(), 4);
     let alone = trail_of(&spec(Some(DRIFT), EstimatorSpec::Ekf), packets, LaggedMode::Own);
@@ -201,6 +228,14 @@ fn drifts_that_do_not_fit_are_refused() {
     }
     let found = refused(&spec(Some(DRIFT), EstimatorSpec::Ekf), &many);
     assert!(found.contains("sensor.drift") && found.contains("13 states with the errors of 9 anchors"), "{found}");
+    // An error that they share is one.
+    assert!(registry::build(&spec(Some(SHARED), EstimatorSpec::Ekf), &many, &BuildOptions::default()).is_ok());
+    let mut eight = Anchors::default();
+    for i in 0..8 {
+        eight.add(&format!("a{i}"), [f64::from(i), 0.0, 0.0]).unwrap();
+    }
+    let found = refused(&spec(Some(BOTH), EstimatorSpec::Ekf), &eight);
+    assert!(found.contains("sensor.drift") && found.contains("13 states with the errors of 8 anchors"), "{found}");
     let turn = ModelSpec::Turn(TurnSpec { noise: [1.0, 1.0], turn_noise: 0.1, per_step: None, prior: None });
     let found = refused(&Spec { model: turn, ..spec(Some(DRIFT), EstimatorSpec::Ekf) }, &anchors());
     assert!(found.contains("sensor.drift") && found.contains("coordinated turn"), "{found}");

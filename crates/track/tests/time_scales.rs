@@ -27,6 +27,7 @@ fn tracked(order: usize, times_s: &[f64], estimator: EstimatorSpec, lagged: Lagg
         sensors: vec![sensor],
         columns: Default::default(),
         anchors: None,
+        side_m: None,
     };
     let packet = |(i, t_s): (usize, &f64)| Packet {
         t_s: *t_s,

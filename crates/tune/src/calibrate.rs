@@ -11,7 +11,7 @@ const LONGEST_GAP_S: f64 = 2.0;
 /// Fewer residuals than this of an anchor are not its own: the others' median stands in.
 const LEAST_RESIDUALS: usize = 10;
 /// Errors are taken to be independent from block to block of this length, seconds: they come with place and posture.
-const BLOCK_S: f64 = 10.0;
+pub const BLOCK_S: f64 = 10.0;
 /// Pull of the mean level on each anchor's, as that of as many blocks.
 const LEVEL_BLOCKS: f64 = 1.0;
 

@@ -1,6 +1,6 @@
 //! The numbers of a spec that a search can turn.
 
-use fixtrail_track::spec::{ModelSpec, Robust, Spec};
+use fixtrail_track::spec::{DriftSpec, Lasting, ModelSpec, Robust, Spec};
 
 /// Where a number stands; a sensor by its place in the spec.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -17,6 +17,10 @@ pub enum Place {
     DriftSd(usize),
     /// `sensor.drift.time_s`.
     DriftTime(usize),
+    /// `sensor.drift.shared_sd`.
+    SharedSd(usize),
+    /// `sensor.drift.shared_time_s`.
+    SharedTime(usize),
     /// `sensor.threshold` or `sensor.gate`.
     Threshold(usize),
 }
@@ -41,8 +45,11 @@ impl Place {
         };
         for (i, sensor) in spec.sensors.iter().enumerate() {
             out.push(Place::Sd(i));
-            if sensor.drift.is_some() {
+            if sensor.drift.is_some_and(|d| d.each.is_some()) {
                 out.extend([Place::DriftSd(i), Place::DriftTime(i)]);
+            }
+            if sensor.drift.is_some_and(|d| d.shared.is_some()) {
+                out.extend([Place::SharedSd(i), Place::SharedTime(i)]);
             }
             if sensor.robust != Robust::None {
                 out.push(Place::Threshold(i));
@@ -66,8 +73,13 @@ impl Place {
             }
             (Place::Noise | Place::TurnNoise | Place::Speed, _) => (0.0, [0.0, 0.0]),
             (Place::Sd(i), _) => (sensor(i).sd, [1e-6, 1e6]),
-            (Place::DriftSd(i), _) => (sensor(i).drift.map_or(0.0, |d| d.sd), [1e-6, 1e6]),
-            (Place::DriftTime(i), _) => (sensor(i).drift.map_or(0.0, |d| d.time_s), [0.1, 1e4]),
+            (Place::DriftSd(i) | Place::DriftTime(i) | Place::SharedSd(i) | Place::SharedTime(i), _) => {
+                let lasting = sensor(i).drift.and_then(|mut drift| self.lasting(&mut drift).copied());
+                match self {
+                    Place::DriftSd(_) | Place::SharedSd(_) => (lasting.map_or(0.0, |l| l.sd), [1e-6, 1e6]),
+                    _ => (lasting.map_or(0.0, |l| l.time_s), [0.1, 1e4]),
+                }
+            }
             (Place::Threshold(i), _) => match sensor(i).robust {
                 Robust::None => (0.0, [0.0, 0.0]),
                 Robust::Gate(gate) => (gate, [4.0, 100.0]),
@@ -100,33 +112,43 @@ impl Place {
             (Place::TurnNoise, ModelSpec::Turn(m)) => m.turn_noise = value,
             (Place::Speed, ModelSpec::GaussMarkov(m)) => scale(&mut m.speed_mps),
             (Place::Noise | Place::TurnNoise | Place::Speed, _) => {}
-            (Place::Sd(i) | Place::DriftSd(i) | Place::DriftTime(i) | Place::Threshold(i), _) => {
-                let sensor = &mut out.spec.sensors[i];
-                match (self, &mut sensor.drift) {
-                    (Place::Sd(_), _) => sensor.sd = value,
-                    (Place::DriftSd(_), Some(drift)) => drift.sd = value,
-                    (Place::DriftTime(_), Some(drift)) => drift.time_s = value,
-                    (Place::Threshold(_), _) => {
-                        sensor.robust = match sensor.robust {
-                            Robust::None => Robust::None,
-                            Robust::Gate(_) => Robust::Gate(value),
-                            Robust::Huber(_) => Robust::Huber(value),
-                            Robust::Redescending(_) => Robust::Redescending(value),
-                        };
-                    }
-                    _ => {}
+            (Place::Sd(i), _) => out.spec.sensors[i].sd = value,
+            (Place::DriftSd(i) | Place::DriftTime(i) | Place::SharedSd(i) | Place::SharedTime(i), _) => {
+                let lasting = out.spec.sensors[i].drift.as_mut().and_then(|drift| self.lasting(drift));
+                match (self, lasting) {
+                    (Place::DriftSd(_) | Place::SharedSd(_), Some(lasting)) => lasting.sd = value,
+                    (_, Some(lasting)) => lasting.time_s = value,
+                    (_, None) => {}
                 }
+            }
+            (Place::Threshold(i), _) => {
+                let sensor = &mut out.spec.sensors[i];
+                sensor.robust = match sensor.robust {
+                    Robust::None => Robust::None,
+                    Robust::Gate(_) => Robust::Gate(value),
+                    Robust::Huber(_) => Robust::Huber(value),
+                    Robust::Redescending(_) => Robust::Redescending(value),
+                };
             }
         }
         out
+    }
+
+    /// The error that the number belongs to.
+    fn lasting(self, drift: &mut DriftSpec) -> Option<&mut Lasting> {
+        match self {
+            Place::DriftSd(_) | Place::DriftTime(_) => drift.each.as_mut(),
+            Place::SharedSd(_) | Place::SharedTime(_) => drift.shared.as_mut(),
+            _ => None,
+        }
     }
 
     /// The step that a search begins with.
     pub fn first_step(self) -> f64 {
         match self {
             Place::Noise | Place::TurnNoise => 16.0,
-            Place::Speed | Place::DriftTime(_) => 3.0,
-            Place::Sd(_) | Place::DriftSd(_) => 2.0,
+            Place::Speed | Place::DriftTime(_) | Place::SharedTime(_) => 3.0,
+            Place::Sd(_) | Place::DriftSd(_) | Place::SharedSd(_) => 2.0,
             Place::Threshold(_) => 1.5,
         }
     }

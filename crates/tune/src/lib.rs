@@ -5,15 +5,18 @@
 //! claimed covariance counts, and half the plain error; without truth it is the density of the next measurements
 //! ([`predictive`](fixtrail_track::predictive)). Both densities forgive a moment of confusion.
 
+mod arrival;
 mod calibrate;
 mod knobs;
 mod merit;
 mod search;
 mod structure;
 mod tune;
+mod window;
 mod write;
 
 pub use merit::{Merit, Recording};
 pub use structure::Change;
 pub use tune::{Options, Tried, TuneError, Tuned, tune};
+pub use window::Windows;
 pub use write::write;

@@ -1,15 +1,17 @@
 //! How good a spec is on recordings.
 
+use crate::calibrate::BLOCK_S;
 use fixtrail_sim::metrics::{Instant, Kind, chi_square_quantile, judge};
 use fixtrail_track::anchors::Anchors;
 use fixtrail_track::packet::Packet;
 use fixtrail_track::pipeline::track;
 use fixtrail_track::predictive;
-use fixtrail_track::spec::{EstimatorSpec, Spec};
+use fixtrail_track::spec::{EstimatorSpec, Receiver, Spec};
 use fixtrail_track::target::{TargetPackets, TargetTrail};
 use fixtrail_track::trackers::LaggedMode;
 use fixtrail_track::truth::TargetTruth;
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 
 /// What was recorded once.
 #[derive(Clone, Debug)]
@@ -84,6 +86,85 @@ pub fn smoothed_rmse(spec: &Spec, recordings: &[Recording], shift_s: &[f64]) -> 
     (count > 0.0).then(|| (squares / count).sqrt())
 }
 
+/// What estimates foretold of measurements that they had not seen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PredictionError {
+    /// Mean squared innovation over the variance of the sensor's noise, for a linear model the mean square itself.
+    pub mean_square: f64,
+    /// Scalars behind it.
+    pub scalars: usize,
+    /// Scalars that nothing was foretold of.
+    pub unforetold: usize,
+}
+
+/// The prediction error of `spec`'s estimator; `None` for a spec that cannot be run and where nothing is foretold.
+pub fn prediction_error(spec: &Spec, recordings: &[Recording], shift_s: &[f64]) -> Option<PredictionError> {
+    let mut all = predictive::Score::default();
+    for (recording, target) in jobs(recordings) {
+        let target = shifted(spec, target, shift_s);
+        let trail = track(spec, &recording.anchors, &target, LaggedMode::Own).ok()?;
+        all.add(&predictive::score(spec, &recording.anchors, &target, &trail.trail, None).ok()?);
+    }
+    let (mut sum, mut scalars) = (0.0, 0);
+    for (kind, size) in all.sizes() {
+        let sd = spec.sensors.iter().find(|s| s.kind == kind).map_or(1.0, |s| s.sd);
+        sum += size.scalars as f64 * (size.rms / sd).powi(2);
+        scalars += size.scalars;
+    }
+    (scalars > 0 && sum.is_finite()).then(|| PredictionError {
+        mean_square: sum / scalars as f64,
+        scalars,
+        unforetold: all.unforetold,
+    })
+}
+
+fn jobs(recordings: &[Recording]) -> impl Iterator<Item = (&Recording, &TargetPackets)> {
+    recordings.iter().flat_map(|r| r.targets.iter().map(move |t| (r, t)))
+}
+
+/// Trails of the smoother that goes with a filter, each with its recording and target.
+fn lagged<'a>(
+    spec: &Spec,
+    recordings: &'a [Recording],
+    shift_s: &[f64],
+) -> Option<Vec<(&'a Recording, &'a TargetPackets, TargetTrail)>> {
+    let one = |(recording, target): (&'a Recording, &'a TargetPackets)| {
+        let moved = shifted(spec, target, shift_s);
+        let trail = track(spec, &recording.anchors, &moved, LaggedMode::Both).ok()?;
+        let smoothed = trail.trail.smoothed();
+        Some((recording, target, TargetTrail { trail: smoothed, ..trail }))
+    };
+    jobs(recordings).map(one).collect()
+}
+
+/// Root mean square distance of the smoothed rows of an estimator with a lag from the truth, metres; `None` without truth.
+pub fn lagged_rmse(spec: &Spec, recordings: &[Recording], shift_s: &[f64]) -> Option<f64> {
+    let (mut squares, mut count) = (0.0, 0.0);
+    for (recording, target, trail) in lagged(spec, recordings, shift_s)? {
+        let Some(truth) = truth_of(recording, target) else { continue };
+        let (more, of) = errors(spec, Kind::Smoother, trail, truth)?;
+        (squares, count) = (squares + more, count + of);
+    }
+    (count > 0.0).then(|| (squares / count).sqrt())
+}
+
+/// Root mean square standard deviation that the smoothed rows of an estimator with a lag claim: of the position, or of all states of a linear
+/// model together.
+pub fn lagged_sd(spec: &Spec, recordings: &[Recording], shift_s: &[f64]) -> Option<f64> {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for (_, _, trail) in lagged(spec, recordings, shift_s)? {
+        let shown = match fixtrail_track::registry::layout(spec).axes {
+            0 => trail.trail.n(),
+            axes => axes,
+        };
+        for row in 0..trail.trail.len() {
+            sum += (0..shown).filter_map(|i| trail.trail.cov_at(row, i, i)).sum::<f64>();
+            count += 1.0;
+        }
+    }
+    (count > 0.0).then(|| (sum / count).sqrt())
+}
+
 /// How much larger the claimed standard deviations ought to be, and on how many independent errors that rests.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Honesty {
@@ -95,20 +176,27 @@ pub struct Honesty {
     pub independent: f64,
 }
 
+/// A recording with the specs that track it and the positions that each is judged at, in order of time.
+pub type Case<'a> = (&'a Recording, Vec<(Spec, Vec<TargetTruth>)>);
+
 /// What known positions say of the claimed covariance; `None` where there is too little to tell.
-pub fn honesty(spec: &Spec, recordings: &[Recording], shift_s: &[f64]) -> Option<Honesty> {
-    let spec = causal(spec);
+pub fn honesty(cases: &[Case<'_>], shift_s: &[f64]) -> Option<Honesty> {
     let (mut ratios, mut independent) = (Vec::new(), 0.0);
-    for recording in recordings {
+    for (recording, parts) in cases {
         for target in &recording.targets {
-            let Some(truth) = truth_of(recording, target) else { continue };
-            let moved = shifted(&spec, target, shift_s);
-            let trail = track(&spec, &recording.anchors, &moved, LaggedMode::Own).ok()?;
-            let truth = [TargetTruth { target: trail.target.clone(), points: truth.points.clone() }];
-            let scored = judge(&spec, Kind::Filter, &[trail], &truth).ok()?;
-            let instants = &scored.targets.first()?.instants;
-            ratios.extend(instants.iter().filter_map(|i| i.nees.map(|nees| nees / chi_square_quantile(i.dof, 0.95))));
-            let offsets: Vec<[f64; 2]> = instants.iter().filter_map(|i| i.offset_m).collect();
+            let mut offsets: Vec<[f64; 2]> = Vec::new();
+            for (spec, truth) in parts {
+                let spec = causal(spec);
+                let lone = recording.targets.len() == 1 && truth.len() == 1;
+                let Some(truth) = truth.iter().find(|t| lone || t.target == target.target) else { continue };
+                let moved = shifted(&spec, target, shift_s);
+                let trail = track(&spec, &recording.anchors, &moved, LaggedMode::Own).ok()?;
+                let truth = [TargetTruth { target: trail.target.clone(), points: truth.points.clone() }];
+                let scored = judge(&spec, Kind::Filter, &[trail], &truth).ok()?;
+                let instants = &scored.targets.first()?.instants;
+                ratios.extend(instants.iter().filter_map(|i| i.nees.map(|n| n / chi_square_quantile(i.dof, 0.95))));
+                offsets.extend(instants.iter().filter_map(|i| i.offset_m));
+            }
             independent += offsets.len() as f64 / lasting(&offsets);
         }
     }
@@ -230,7 +318,14 @@ fn one(spec: &Spec, recording: &Recording, target: &TargetPackets, shift_s: &[f6
     match truth {
         Some(truth) => of_truth(spec, target, trail, truth),
         None => {
-            let score = predictive::score(spec, &recording.anchors, target, &trail.trail, None).ok()?;
+            let score = match spec.link.receiver {
+                Receiver::Stamped { .. } => {
+                    predictive::score(spec, &recording.anchors, target, &trail.trail, None).ok()?
+                }
+                Receiver::Unstamped { .. } => {
+                    predictive::score_held(spec, &recording.anchors, target, &trail.trail).ok()?
+                }
+            };
             let all = (score.scalars + score.unforetold) as f64;
             let Some(mean) = score.mean_log_density() else { return Some(Sum::default()) };
             // What nothing was foretold of counts as foretold with a hundred times the usual spread.
@@ -241,31 +336,92 @@ fn one(spec: &Spec, recording: &Recording, target: &TargetPackets, shift_s: &[f6
     }
 }
 
-fn of_truth(spec: &Spec, target: &TargetPackets, trail: TargetTrail, truth: &TargetTruth) -> Option<Sum> {
+/// One known position and what a trail says of it.
+struct Known {
+    t_s: f64,
+    /// Three parts in ten of it foretold from fixes up to 2 s old.
+    log_density: f64,
+    /// Squared distance, square metres, where there is an estimate.
+    squared_m2: Option<f64>,
+}
+
+fn known(spec: &Spec, target: &TargetPackets, trail: TargetTrail, truth: &TargetTruth) -> Option<Vec<Known>> {
     let from_s = target.packets.iter().map(|p| p.t_s).fold(f64::INFINITY, f64::min);
     let truth = [TargetTruth { target: trail.target.clone(), points: truth.points.clone() }];
     let rare = TargetTrail { trail: trail.trail.thinned(AHEAD_S), ..trail.clone() };
     let ahead = judge(spec, Kind::Filter, &[rare], &truth).ok()?;
     let scored = judge(spec, Kind::Filter, &[trail], &truth).ok()?;
+    let both = scored.targets.first()?.instants.iter().zip(&ahead.targets.first()?.instants);
+    let counts = |instant: &Instant| !instant.incomplete && instant.t_s >= from_s;
+    let one = |(instant, ahead): (&Instant, &Instant)| Known {
+        t_s: instant.t_s,
+        log_density: (1.0 - AHEAD) * log_density(instant) + AHEAD * log_density(ahead),
+        squared_m2: instant.error_m().map(|error| error * error),
+    };
+    Some(both.filter(|(instant, _)| counts(instant)).map(one).collect())
+}
+
+fn of_truth(spec: &Spec, target: &TargetPackets, trail: TargetTrail, truth: &TargetTruth) -> Option<Sum> {
+    let known = known(spec, target, trail, truth)?;
     let mut sum = Sum::default();
-    let mut count = 0.0;
-    for (instant, ahead) in scored.targets.first()?.instants.iter().zip(&ahead.targets.first()?.instants) {
-        if instant.incomplete || instant.t_s < from_s {
-            continue;
-        }
-        count += 1.0;
-        sum.score += (1.0 - AHEAD) * log_density(instant) + AHEAD * log_density(ahead);
-        if let Some(error) = instant.error_m() {
-            sum.squared_m2 += error * error;
+    for instant in &known {
+        sum.score += instant.log_density;
+        if let Some(squared_m2) = instant.squared_m2 {
+            sum.squared_m2 += squared_m2;
             sum.instants += 1.0;
         }
     }
-    if count > 0.0 {
+    if !known.is_empty() {
         let rmse_m = if sum.instants > 0.0 { (sum.squared_m2 / sum.instants).sqrt() } else { IGNORANCE_M };
-        sum.score = (1.0 - PLAIN) * sum.score / count - PLAIN * 2.0 * rmse_m.max(f64::MIN_POSITIVE).ln();
+        let mean = sum.score / known.len() as f64;
+        sum.score = (1.0 - PLAIN) * mean - PLAIN * 2.0 * rmse_m.max(f64::MIN_POSITIVE).ln();
         sum.weight = 1.0;
     }
     Some(sum)
+}
+
+/// Recording, target and block of time.
+type Block = (usize, usize, i64);
+
+/// The score with truth, block by block: the mean log density, and of `−2 ln RMSE` what the block adds to it to first order,
+/// `−ln M − (m − M)/M` with the mean squared error m of the block and M of the target. `None` for a spec that cannot be run.
+fn by_blocks(spec: &Spec, recordings: &[Recording], shift_s: &[f64]) -> Option<BTreeMap<Block, f64>> {
+    let spec = causal(spec);
+    let mut out = BTreeMap::new();
+    for (r, recording) in recordings.iter().enumerate() {
+        for (i, target) in recording.targets.iter().enumerate() {
+            let Some(truth) = truth_of(recording, target) else { continue };
+            let moved = shifted(&spec, target, shift_s);
+            let trail = track(&spec, &recording.anchors, &moved, LaggedMode::Own).ok()?;
+            let known = known(&spec, &moved, trail, truth)?;
+            let mean = |of: &[&Known]| {
+                let squares: Vec<f64> = of.iter().filter_map(|k| k.squared_m2).collect();
+                squares.iter().sum::<f64>() / squares.len() as f64
+            };
+            let whole = mean(&known.iter().collect::<Vec<_>>());
+            let mut blocks: BTreeMap<i64, Vec<&Known>> = BTreeMap::new();
+            known.iter().for_each(|k| blocks.entry((k.t_s / BLOCK_S).floor() as i64).or_default().push(k));
+            for (block, own) in blocks {
+                let density = own.iter().map(|k| k.log_density).sum::<f64>() / own.len() as f64;
+                let score = (1.0 - PLAIN) * density - PLAIN * (whole.ln() + mean(&own) / whole - 1.0);
+                if score.is_finite() {
+                    out.insert((r, i, block), score);
+                }
+            }
+        }
+    }
+    Some(out)
+}
+
+/// The standard error of the gain in score of one spec over another, by the spread of what blocks of 10 s gain, which are taken to be
+/// independent; `None` where there are fewer than three.
+pub fn gain_error(better: &Spec, than: &Spec, recordings: &[Recording], shift_s: &[f64]) -> Option<f64> {
+    let (a, b) = (by_blocks(better, recordings, shift_s)?, by_blocks(than, recordings, shift_s)?);
+    let gains: Vec<f64> = a.iter().filter_map(|(block, score)| Some(score - b.get(block)?)).collect();
+    let n = gains.len() as f64;
+    let mean = gains.iter().sum::<f64>() / n;
+    let var = gains.iter().map(|g| (g - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    (gains.len() > 2).then(|| (var / n).sqrt())
 }
 
 /// `ln(0.95 N(e; 0, P) + 0.05 N(e; 0, 100 P))` of the error at one instant.

@@ -3,7 +3,7 @@
 use crate::knobs::Setting;
 use crate::merit::Recording;
 use fixtrail_track::packet::Kind;
-use fixtrail_track::spec::{DriftSpec, GaussMarkovSpec, MAX_STATE, ModelSpec, Prior, Robust, Spec};
+use fixtrail_track::spec::{DriftSpec, GaussMarkovSpec, Lasting, MAX_STATE, ModelSpec, Prior, Robust, Spec};
 
 /// One change of structure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,13 +54,17 @@ impl Change {
                 prior.filter(|p| is_vague(p, model))?;
             }
             Change::Drift(i) => {
-                if setting.spec.sensors[i].drift.is_some() || states_with_drift(&setting.spec, recordings) > MAX_STATE {
+                let sensor = &mut out.spec.sensors[i];
+                let drift = sensor.drift.get_or_insert(DriftSpec { each: None, shared: None });
+                if drift.each.is_some() {
                     return None;
                 }
                 // Half of the error's variance lasts.
-                let sensor = &mut out.spec.sensors[i];
-                sensor.drift = Some(DriftSpec { sd: sensor.sd * 0.5f64.sqrt(), time_s: 30.0 });
                 sensor.sd *= 0.5f64.sqrt();
+                drift.each = Some(Lasting { sd: sensor.sd, time_s: 30.0 });
+                if states(&out.spec, recordings) > MAX_STATE {
+                    return None;
+                }
             }
             Change::Huber => robust(&mut out.spec, Robust::Huber(1.345))?,
             Change::Redescending => robust(&mut out.spec, Robust::Redescending(4.685))?,
@@ -78,10 +82,12 @@ fn robust(spec: &mut Spec, robust: Robust) -> Option<()> {
     Some(())
 }
 
-fn states_with_drift(spec: &Spec, recordings: &[Recording]) -> usize {
+/// Number of states, errors that last included.
+fn states(spec: &Spec, recordings: &[Recording]) -> usize {
     let anchors = recordings.iter().map(|r| r.anchors.len()).max().unwrap_or(0);
-    let drifting = 1 + spec.sensors.iter().filter(|s| s.drift.is_some()).count();
-    fixtrail_track::registry::layout(spec).n() + drifting * anchors
+    let errors = |drift: DriftSpec| drift.each.map_or(0, |_| anchors) + drift.shared.map_or(0, |_| 1);
+    let lasting: usize = spec.sensors.iter().filter_map(|s| s.drift).map(errors).sum();
+    fixtrail_track::registry::layout(spec).n() + lasting
 }
 
 /// Share of the place from which on a prior of the start says nothing that the place does not.

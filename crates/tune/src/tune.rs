@@ -1,14 +1,17 @@
 //! From a first spec to a tuned one.
 
+use crate::arrival;
 use crate::calibrate::{self, Calibration, calibrate};
 use crate::knobs::{Place, Setting};
-use crate::merit::{Honesty, Merit, Recording, honesty, merit, smoothed_rmse};
+use crate::merit::{Case, Honesty, Merit, Recording, gain_error, honesty, merit, smoothed_rmse};
 use crate::search::{Candidate, Effort, Profile, profiles, search};
 use crate::structure::Change;
+use crate::window::{self, Windows};
 use fixtrail_sim::metrics::student_quantile;
+use fixtrail_track::link::Learnt;
 use fixtrail_track::packet::Kind;
 use fixtrail_track::pipeline::track;
-use fixtrail_track::spec::{EstimatorSpec, ModelSpec, Receiver, Robust, Span, Spec};
+use fixtrail_track::spec::{ArrivalSpec, EstimatorSpec, ModelSpec, Receiver, Robust, SensorSpec, Spec};
 use fixtrail_track::trackers::LaggedMode;
 use fixtrail_track::truth::{TargetTruth, TruthPoint};
 
@@ -18,8 +21,6 @@ const WORTH_A_CHANGE: f64 = 0.03;
 const WORTH_A_PLACE: f64 = 0.1;
 /// The same for the biweight, which alone is safe from outliers of any size, also those that these data lack.
 const WORTH_SAFETY: f64 = -0.01;
-/// Windows of `fms` and `ufir` that are tried, in instants.
-const WINDOWS: [usize; 12] = [3, 4, 5, 6, 8, 10, 13, 17, 23, 30, 40, 60];
 
 /// What a tuning may do.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -35,11 +36,10 @@ pub enum TuneError {
     /// No recording has a packet.
     #[error("has no rows that the spec uses, expected measurements")]
     Empty,
-    /// The link says nothing of ages.
-    #[error("`link.stamped` is false: tuning expects rows that say when they were sensed")]
-    Unstamped,
     /// Nothing to turn.
-    #[error("`model.kind` is \"linear\" and `estimator.kind` has no window: there is no number to tune")]
+    #[error(
+        "`model.kind` is \"linear\", `estimator.kind` has no window and `link` no arrival rate to learn: there is no number to tune"
+    )]
     Nothing,
     /// The start itself cannot be run.
     #[error("the spec to start from gives no trail on these data: {0}")]
@@ -53,8 +53,20 @@ pub struct Tried {
     pub change: Change,
     /// How much it gained.
     pub gain: f64,
+    /// The standard error of that, where there is truth enough to tell.
+    pub error: Option<f64>,
     /// Whether it was taken.
     pub taken: bool,
+}
+
+impl Tried {
+    /// The gain with its standard error, for people.
+    pub fn gain_text(&self) -> String {
+        match self.error {
+            Some(error) => format!("{:+.3} ± {error:.3}", self.gain),
+            None => format!("{:+.3}", self.gain),
+        }
+    }
 }
 
 /// The outcome.
@@ -77,8 +89,10 @@ pub struct Tuned {
     pub profiles: Vec<Profile>,
     /// By how much all standard deviations were scaled in the end, and what for; `None` without truth enough to tell.
     pub honesty: Option<(f64, Honesty)>,
-    /// Windows tried, with the mean squared innovation or the loss of score.
-    pub windows: Vec<(usize, f64)>,
+    /// Windows and lags tried, of an estimator that has them.
+    pub windows: Windows,
+    /// How often what a receiver without time stamps shows is new.
+    pub arrival: Option<Learnt>,
     /// Changes of structure tried.
     pub structures: Vec<Tried>,
     /// How many settings were run.
@@ -102,12 +116,11 @@ pub fn tune(
     if recordings.iter().all(|r| r.targets.iter().all(|t| t.packets.is_empty())) {
         return Err(TuneError::Empty);
     }
-    if let Receiver::Unstamped { .. } = base.link.receiver {
-        return Err(TuneError::Unstamped);
-    }
+    let unstamped = matches!(base.link.receiver, Receiver::Unstamped { .. });
     let with_truth = recordings.iter().any(|r| !r.truth.is_empty());
-    let window = matches!(base.estimator, EstimatorSpec::Fms { .. } | EstimatorSpec::Ufir { .. });
-    if Place::all(base).is_empty() && !window {
+    let has_window = matches!(base.estimator, EstimatorSpec::Fms { .. } | EstimatorSpec::Ufir { .. });
+    let arrival = if unstamped { arrival::rate(base, recordings) } else { None };
+    if Place::all(base).is_empty() && !has_window && arrival.is_none() {
         return Err(TuneError::Nothing);
     }
     let runs = std::sync::atomic::AtomicU64::new(0);
@@ -118,8 +131,11 @@ pub fn tune(
     // Numbers first by the filter: a window is chosen for them afterwards.
     let mut start = base.clone();
     let modes = matches!(base.estimator, EstimatorSpec::Imm { .. });
-    if (window || modes) && !matches!(base.model, ModelSpec::Linear(_)) {
+    if (has_window || modes) && !matches!(base.model, ModelSpec::Linear(_)) {
         start.estimator = EstimatorSpec::Ekf;
+    }
+    if let Some(arrival) = arrival {
+        start.link.arrival = Some(ArrivalSpec::Constant(arrival.rate));
     }
     let start = Setting { spec: start, shift_s: vec![0.0; base.sensors.len()] };
     let before = merit(base, recordings, &start.shift_s);
@@ -131,17 +147,21 @@ pub fn tune(
     let calibrations = if with_truth {
         calibrated(&mut best, recordings)
     } else {
-        self_calibrated(&mut best, recordings, &tried);
+        // The smoothed trail that this rests on takes every value for new.
+        if !unstamped {
+            self_calibrated(&mut best, recordings, &tried);
+        }
         vec![None; base.sensors.len()]
     };
     let coarse = Effort { shrinks: 1, rounds: 4 };
     best = search(best.clone(), &Place::all(&best.setting.spec), recordings, coarse, &tried);
     let mut latencies = Vec::new();
-    if with_truth {
+    if with_truth && !unstamped {
         latencies = find_latencies(&mut best, recordings, &tried);
     }
     let mut structures = Vec::new();
-    if !options.keep_structure {
+    // Estimators of held values have neither another motion nor errors that last, and use every value.
+    if !options.keep_structure && !unstamped {
         for change in Change::all(base) {
             // What is learnt of errors from foretold measurements alone is not told apart from motion.
             if matches!(change, Change::Drift(_)) && !with_truth {
@@ -162,8 +182,11 @@ pub fn tune(
                 Change::Redescending => WORTH_SAFETY,
                 _ => WORTH_A_CHANGE,
             };
-            let taken = gain > worth;
-            structures.push(Tried { change, gain, taken });
+            let error = gain_error(&other.setting.spec, &best.setting.spec, recordings, &best.setting.shift_s);
+            // The simpler of two that are within a standard error.
+            let sure = worth <= 0.0 || error.is_none_or(|error| gain > error);
+            let taken = gain > worth && sure;
+            structures.push(Tried { change, gain, error, taken });
             if taken {
                 best = other;
             }
@@ -178,17 +201,30 @@ pub fn tune(
     if modes {
         spec.estimator = with_noise_of(base, &spec);
     }
-    let mut windows = Vec::new();
-    if window {
+    let mut windows = Windows::default();
+    if has_window {
         spec.estimator = base.estimator;
-        windows = choose_window(&mut spec, recordings, &best.setting.shift_s, &tried);
+        windows = window::choose(&mut spec, recordings, &best.setting.shift_s, &tried);
     }
     let after = merit(&spec, recordings, &best.setting.shift_s);
     for (sensor, shift_s) in spec.sensors.iter_mut().zip(&best.setting.shift_s) {
         sensor.latency_s += shift_s;
     }
     let runs = runs.into_inner();
-    Ok(Tuned { spec, before, after, with_truth, calibrations, latencies, profiles, honesty, windows, structures, runs })
+    Ok(Tuned {
+        spec,
+        before,
+        after,
+        with_truth,
+        calibrations,
+        latencies,
+        profiles,
+        honesty,
+        windows,
+        arrival,
+        structures,
+        runs,
+    })
 }
 
 /// The modes of `base`, their noise by the same factor as the model's.
@@ -240,26 +276,91 @@ fn find_latencies(best: &mut Candidate, recordings: &[Recording], tried: &dyn Fn
     found
 }
 
-/// Scales all noise, of motion and of sensors, so that the 95 % ellipse holds 95 % of the known positions and a share more for what so few
-/// independent errors leave open: Student's quantile over the normal's. The gains, and so the trail, stay as they are.
+/// Parts that a lone recording is cut into, to judge each by what the others say.
+const BLOCKS: usize = 3;
+
+/// Each recording with the specs that are judged on it: biases and path loss are those of the other recordings, or of the other parts where
+/// there is one recording only. Judged where they were calibrated, errors would look smaller than they will be elsewhere.
+fn held_out<'a>(spec: &Spec, recordings: &'a [Recording]) -> Vec<Case<'a>> {
+    let known: Vec<&Recording> = recordings.iter().filter(|r| !r.truth.is_empty()).collect();
+    if let [recording] = known[..] {
+        return vec![(recording, blocks(spec, recording))];
+    }
+    let by_others = |judged: usize| {
+        let others: Vec<Recording> =
+            known.iter().enumerate().filter(|(i, _)| *i != judged).map(|(_, r)| (*r).clone()).collect();
+        recalibrated(spec, &others)
+    };
+    known.iter().enumerate().map(|(i, r)| (*r, vec![(by_others(i), r.truth.clone())])).collect()
+}
+
+/// The parts of a recording, each with the spec that the others calibrate.
+fn blocks(spec: &Spec, recording: &Recording) -> Vec<(Spec, Vec<TargetTruth>)> {
+    let times = || recording.truth.iter().flat_map(|t| t.points.iter().map(|p| p.t_s));
+    let (first, last) = (times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max));
+    let block = |t_s: f64| (((t_s - first) / (last - first) * BLOCKS as f64) as usize).min(BLOCKS - 1);
+    let truth = |keep: &dyn Fn(usize) -> bool| -> Vec<TargetTruth> {
+        let some = |t: &TargetTruth| {
+            let points = t.points.iter().filter(|p| keep(block(p.t_s))).copied().collect();
+            TargetTruth { target: t.target.clone(), points }
+        };
+        recording.truth.iter().map(some).collect()
+    };
+    let one = |judged: usize| {
+        let others = Recording { truth: truth(&|b| b != judged), ..recording.clone() };
+        (recalibrated(spec, &[others]), truth(&|b| b == judged))
+    };
+    (0..BLOCKS).map(one).collect()
+}
+
+/// The spec with the biases and path loss of `recordings`, where they have enough to tell.
+fn recalibrated(spec: &Spec, recordings: &[Recording]) -> Spec {
+    let mut out = spec.clone();
+    for i in 0..out.sensors.len() {
+        if let Some(calibration) = calibrate(spec, i, recordings) {
+            put(&mut out.sensors[i], &calibration);
+        }
+    }
+    out
+}
+
+/// Puts biases and path loss into a sensor.
+fn put(sensor: &mut SensorSpec, calibration: &Calibration) {
+    sensor.bias = calibration.bias.iter().map(|(anchor, b)| (anchor.clone(), b.value)).collect();
+    if let (Some([exponent, level]), Some(law)) = (calibration.path_loss, &mut sensor.path_loss) {
+        (law.exponent, law.at_1m_dbm) = (exponent.value, level.value);
+    }
+}
+
+/// Scales all noise, of motion and of sensors, so that the 95 % ellipse holds 95 % of known positions that sensors were not calibrated at, and
+/// a share more for what so few independent errors leave open: Student's quantile over the normal's. The gains, and so the trail, stay as
+/// they are.
 fn widen(setting: &mut Setting, recordings: &[Recording]) -> Option<(f64, Honesty)> {
-    let found = honesty(&setting.spec, recordings, &setting.shift_s)?;
+    let found = honesty(&held_out(&setting.spec, recordings), &setting.shift_s)?;
     let dof = (found.independent - 1.0).max(1.0);
     let scale = (found.scale * student_quantile(dof, 0.975) / student_quantile(f64::INFINITY, 0.975)).clamp(0.5, 5.0);
-    match &mut setting.spec.model {
-        ModelSpec::Kinematic(m) => m.noise.iter_mut().for_each(|v| *v *= scale * scale),
+    let prior = match &mut setting.spec.model {
+        ModelSpec::Kinematic(m) => {
+            m.noise.iter_mut().for_each(|v| *v *= scale * scale);
+            &mut m.prior
+        }
         ModelSpec::Turn(m) => {
             m.noise.iter_mut().for_each(|v| *v *= scale * scale);
             m.turn_noise *= scale * scale;
+            &mut m.prior
         }
-        ModelSpec::GaussMarkov(m) => m.spread_m.iter_mut().chain(&mut m.speed_mps).for_each(|v| *v *= scale),
-        ModelSpec::Linear(_) => {}
-    }
+        ModelSpec::GaussMarkov(m) => {
+            m.spread_m.iter_mut().chain(&mut m.speed_mps).for_each(|v| *v *= scale);
+            &mut m.prior
+        }
+        // It has no known positions.
+        ModelSpec::Linear(_) => return None,
+    };
+    // The start would weigh more beside noise that has grown.
+    prior.iter_mut().flat_map(|prior| &mut prior.cov.data).for_each(|v| *v *= scale * scale);
     for sensor in &mut setting.spec.sensors {
         sensor.sd *= scale;
-        if let Some(drift) = &mut sensor.drift {
-            drift.sd *= scale;
-        }
+        sensor.drift.iter_mut().flat_map(|drift| drift.all_mut()).for_each(|lasting| lasting.sd *= scale);
         sensor.robust = match sensor.robust {
             Robust::None => Robust::None,
             Robust::Gate(gate) => Robust::Gate(gate / (scale * scale)),
@@ -296,10 +397,7 @@ fn calibrated(best: &mut Candidate, recordings: &[Recording]) -> Vec<Option<Cali
     let all: Vec<Option<Calibration>> = (0..spec.sensors.len()).map(|i| calibrate(spec, i, recordings)).collect();
     for (sensor, calibration) in setting.spec.sensors.iter_mut().zip(&all) {
         let Some(calibration) = calibration else { continue };
-        sensor.bias = calibration.bias.iter().map(|(anchor, b)| (anchor.clone(), b.value)).collect();
-        if let (Some([exponent, level]), Some(law)) = (calibration.path_loss, &mut sensor.path_loss) {
-            (law.exponent, law.at_1m_dbm) = (exponent.value, level.value);
-        }
+        put(sensor, calibration);
         if calibration.sd > 0.0 {
             sensor.sd = calibration.sd;
         }
@@ -356,30 +454,4 @@ fn smoothed(spec: &Spec, recordings: &[Recording]) -> Option<Vec<Recording>> {
         out.push(Recording { truth, ..recording.clone() });
     }
     Some(out)
-}
-
-/// The window with the best merit; the lag of a smoother is a third of it where that is less than what was asked for.
-fn choose_window(spec: &mut Spec, recordings: &[Recording], shift_s: &[f64], tried: &dyn Fn(u64)) -> Vec<(usize, f64)> {
-    let with = |window: usize| {
-        let mut spec = spec.clone();
-        match &mut spec.estimator {
-            EstimatorSpec::Fms { window: w, lag, .. } => {
-                *w = Span::Instants(window);
-                *lag = Span::Instants(window / 3);
-            }
-            EstimatorSpec::Ufir { window: w } => *w = Span::Instants(window),
-            _ => {}
-        }
-        spec
-    };
-    let mut out = Vec::new();
-    for window in WINDOWS {
-        out.push((window, merit(&with(window), recordings, shift_s).score));
-        tried(1);
-    }
-    let best = out.iter().filter(|(_, score)| score.is_finite()).max_by(|a, b| a.1.total_cmp(&b.1)).copied();
-    if let Some((window, _)) = best {
-        *spec = with(window);
-    }
-    out
 }

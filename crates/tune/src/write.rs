@@ -4,6 +4,7 @@ use crate::calibrate::{Calibration, Estimated};
 use crate::knobs::Place;
 use crate::tune::Tuned;
 use core::fmt::Write as _;
+use fixtrail_track::link::Learnt;
 use fixtrail_track::spec::{EstimatorSpec, ModelSpec, Robust, SensorSpec, Span, TurnSpec};
 use toml_edit::{Array, DocumentMut, InlineTable, Item, Value};
 
@@ -13,7 +14,7 @@ use toml_edit::{Array, DocumentMut, InlineTable, Item, Value};
 /// A sentence when `text` is not TOML; a spec that was parsed is.
 pub fn write(text: &str, tuned: &Tuned, from: &str) -> Result<String, String> {
     let mut doc: DocumentMut = text.parse().map_err(|e| format!("is no TOML: {e}"))?;
-    for key in ["model", "estimator", "sensor"] {
+    for key in ["model", "estimator", "link", "sensor"] {
         if let Some(item) = doc.get_mut(key) {
             spread(item);
         }
@@ -40,14 +41,29 @@ pub fn write(text: &str, tuned: &Tuned, from: &str) -> Result<String, String> {
             ModelSpec::Linear(_) => {}
         }
     }
+    if let (Some(prior), Some(_)) = (tuned.spec.model.prior(), tuned.honesty)
+        && let Some(model) = doc.get_mut("model").and_then(Item::as_table_like_mut)
+    {
+        let n = prior.cov.cols;
+        let rows = prior.cov.data.chunks(n).map(list).collect::<Array>();
+        set(
+            model,
+            "P0",
+            Value::Array(rows),
+            "as before, times the square of what all standard deviations are scaled by",
+        );
+    }
     write_modes(&mut doc, tuned);
     for (i, sensor) in tuned.spec.sensors.iter().enumerate() {
         if let Some(table) = sensor_table(&mut doc, i) {
             write_sensor(table, tuned, i, sensor);
         }
     }
-    if !tuned.windows.is_empty() {
+    if !tuned.windows.windows.is_empty() {
         write_window(&mut doc, tuned);
+    }
+    if let Some(arrival) = &tuned.arrival {
+        write_arrival(&mut doc, arrival);
     }
     Ok(format!("{}{doc}", header(tuned, from)))
 }
@@ -76,8 +92,8 @@ fn header(tuned: &Tuned, from: &str) -> String {
     if let Some((scale, honesty)) = tuned.honesty {
         let _ = writeln!(
             out,
-            "# All standard deviations times {} at the end: {:.1} % of the known positions were inside the 95 % ellipse, in errors\n\
-             # of which {:.0} are independent.",
+            "# All standard deviations times {} at the end: {:.1} % of the known positions were inside the 95 % ellipse with the sensors\n\
+             # calibrated on the others, in errors of which {:.0} are independent.",
             short(scale),
             100.0 * honesty.coverage,
             honesty.independent
@@ -85,7 +101,7 @@ fn header(tuned: &Tuned, from: &str) -> String {
     }
     for tried in &tuned.structures {
         let verdict = if tried.taken { "taken" } else { "not taken" };
-        let _ = writeln!(out, "# {}: {:+.3}, {verdict}.", tried.change.name(), tried.gain);
+        let _ = writeln!(out, "# {}: {}, {verdict}.", tried.change.name(), tried.gain_text());
     }
     out
 }
@@ -117,10 +133,18 @@ fn write_sensor(table: &mut dyn toml_edit::TableLike, tuned: &Tuned, i: usize, s
     set(table, "sd", number(sensor.sd), &note(tuned, Place::Sd(i)));
     if let Some(drift) = sensor.drift {
         let mut inline = InlineTable::new();
-        inline.insert("sd", number(drift.sd));
-        inline.insert("time_s", number(drift.time_s));
-        let why = format!("sd: {}; time_s: {}", note(tuned, Place::DriftSd(i)), note(tuned, Place::DriftTime(i)));
-        set(table, "drift", Value::InlineTable(inline), &why);
+        let mut why = Vec::new();
+        for (lasting, keys, places) in [
+            (drift.each, ["sd", "time_s"], [Place::DriftSd(i), Place::DriftTime(i)]),
+            (drift.shared, ["shared_sd", "shared_time_s"], [Place::SharedSd(i), Place::SharedTime(i)]),
+        ] {
+            let Some(lasting) = lasting else { continue };
+            for ((key, value), place) in keys.into_iter().zip([lasting.sd, lasting.time_s]).zip(places) {
+                inline.insert(key, number(value));
+                why.push(format!("{key}: {}", note(tuned, place)));
+            }
+        }
+        set(table, "drift", Value::InlineTable(inline), &why.join("; "));
     }
     let (name, threshold) = match sensor.robust {
         Robust::None => ("none", None),
@@ -201,19 +225,27 @@ fn write_window(doc: &mut DocumentMut, tuned: &Tuned) {
         EstimatorSpec::Ufir { window: Span::Instants(window) } => (window, None),
         _ => return,
     };
-    let best = tuned.windows.iter().map(|w| w.1).fold(f64::NEG_INFINITY, f64::max);
-    let losses: Vec<String> = tuned
-        .windows
-        .iter()
-        .filter(|(_, score)| score.is_finite())
-        .map(|(w, score)| format!("{w}: {:.3}", (best - score).max(0.0)))
-        .collect();
+    let all = |of: &[(usize, f64)]| -> String {
+        let finite = of.iter().filter(|(_, error)| error.is_finite());
+        finite.map(|(n, error)| format!("{n}: {}", short(*error))).collect::<Vec<_>>().join(", ")
+    };
     table.remove("window_s");
-    set(table, "window", count(window), &format!("loss at {}", losses.join(", ")));
+    let found = &tuned.windows;
+    set(table, "window", count(window), &format!("mean squared prediction error by window {}", all(&found.windows)));
     if let Some(lag) = lag {
         table.remove("lag_s");
-        set(table, "lag", count(lag), "a third of the window");
+        let by =
+            if found.by_truth { "RMSE of smoothed positions" } else { "without truth the standard deviation claimed" };
+        set(table, "lag", count(lag), &format!("{by} by lag {}; the smallest within 2 %", all(&found.lags)));
     }
+}
+
+fn write_arrival(doc: &mut DocumentMut, arrival: &Learnt) {
+    let Some(table) = doc.get_mut("link").and_then(Item::as_table_like_mut) else { return };
+    let by =
+        if arrival.by_repeats { "values shown, by those that repeat" } else { "values, by their sequence numbers" };
+    let why = format!("±{}, of {} {by}", short(arrival.sd), arrival.values);
+    set(table, "arrival", number(arrival.rate), &why);
 }
 
 /// What neighbours of a number lose.

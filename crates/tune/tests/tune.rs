@@ -2,11 +2,13 @@
 
 use fixtrail_track::anchors::Anchors;
 use fixtrail_track::packet::{Content, Packet};
-use fixtrail_track::spec::{self, ModelSpec, Robust, Spec};
+use fixtrail_track::pipeline::track;
+use fixtrail_track::spec::{self, ArrivalSpec, EstimatorSpec, ModelSpec, Robust, Span, Spec};
 use fixtrail_track::target::TargetPackets;
+use fixtrail_track::trackers::LaggedMode;
 use fixtrail_track::truth::{TargetTruth, TruthPoint};
 use fixtrail_tune::{Change, Options, Recording, TuneError, Tuned, tune, write};
-use rand_distr::{Distribution as _, StandardNormal};
+use rand_distr::{Distribution as _, StandardNormal, StandardUniform};
 use rand_pcg::Pcg64Mcg;
 use std::path::Path;
 
@@ -23,6 +25,10 @@ struct Chance(Pcg64Mcg);
 impl Chance {
     fn normal(&mut self) -> f64 {
         StandardNormal.sample(&mut self.0)
+    }
+
+    fn uniform(&mut self) -> f64 {
+        StandardUniform.sample(&mut self.0)
     }
 }
 
@@ -164,7 +170,7 @@ fn outliers_and_lasting_errors_change_the_structure() {
     let taken = |change: Change| tuned.structures.iter().any(|t| t.change == change && t.taken);
     assert!(taken(Change::Redescending) && taken(Change::Drift(0)), "{:?}", tuned.structures);
     assert!(matches!(tuned.spec.sensors[0].robust, Robust::Redescending(_) | Robust::Huber(_)));
-    let drift = tuned.spec.sensors[0].drift.unwrap();
+    let drift = tuned.spec.sensors[0].drift.unwrap().each.unwrap();
     // A sine of amplitude 0.4 m has an RMS of 0.28.
     assert!((0.1..0.8).contains(&drift.sd), "{drift:?}");
 }
@@ -197,11 +203,200 @@ fn windows_are_chosen_by_what_they_foretell() {
     let targets = vec![TargetPackets { target: None, packets: walk.collect() }];
     let recordings = [Recording { name: "walk".to_owned(), anchors: Anchors::default(), targets, truth: Vec::new() }];
     let tuned = tune(&parsed(start), &recordings, &NUMBERS, &|_| {}).unwrap();
-    let best = tuned.windows.iter().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap().0;
+    let best = tuned.windows.windows.iter().min_by(|a, b| a.1.total_cmp(&b.1)).unwrap().0;
     // A mean over M of a random walk of step variance q under noise r errs by r/M + qM/3, least at M = √(3r/q) = 17.
     assert!((10..=30).contains(&best), "{:?}", tuned.windows);
     let text = write(start, &tuned, "a walk").unwrap();
-    assert!(text.contains(&format!("window = {best}  # loss at ")), "{text}");
+    assert!(text.contains(&format!("window = {best}  # mean squared prediction error by window ")), "{text}");
+}
+
+/// A target of constant velocity under noise of variance `q` a step, its position measured with variance 1; with it its true positions.
+fn chain(seed: u128, q: f64, len: usize) -> (Recording, Vec<f64>) {
+    let mut chance = Chance(Pcg64Mcg::new(seed));
+    let (mut p, mut v) = (0.0, 0.0);
+    let (mut packets, mut truth) = (Vec::new(), Vec::new());
+    for k in 0..len {
+        let content = Content::Linear { z: vec![Some(p + chance.normal())], u: Vec::new() };
+        packets.push(Packet { k: Some(k as u64), ..packet(k as f64, content) });
+        truth.push(p);
+        p += v;
+        v += q.sqrt() * chance.normal();
+    }
+    let targets = vec![TargetPackets { target: None, packets }];
+    (Recording { name: "chain".to_owned(), anchors: Anchors::default(), targets, truth: Vec::new() }, truth)
+}
+
+fn chain_spec(q: f64, window: usize, lag: usize) -> String {
+    format!(
+        "[model]\nkind = \"linear\"\nA = [[1.0, 1.0], [0.0, 1.0]]\nC = [[1.0, 0.0]]\nQ = [[0.0, 0.0], [0.0, {q}]]\nR = [[1.0]]\n\
+         [estimator]\nkind = \"fms\"\nwindow = {window}\nlag = {lag}\n"
+    )
+}
+
+#[test]
+fn the_window_of_least_prediction_error_is_that_of_least_error() {
+    // Notes on windows: with the right noise there is no finite optimum, with noise that is too small the best window is short; the prediction
+    // error found the true optimum in three cases of three.
+    let (recording, truth) = chain(21, 0.01, 3000);
+    let mut chosen = Vec::new();
+    for declared in [0.01, 1e-6] {
+        let tuned =
+            tune(&parsed(&chain_spec(declared, 5, 1)), std::slice::from_ref(&recording), &NUMBERS, &|_| {}).unwrap();
+        let EstimatorSpec::Fms { window: Span::Instants(window), lag: Span::Instants(lag), .. } = tuned.spec.estimator
+        else {
+            panic!("{:?}", tuned.spec.estimator)
+        };
+        let error = |window: usize, lag: usize, smoothed: bool| {
+            let spec = parsed(&chain_spec(declared, window, lag));
+            let trail = track(&spec, &recording.anchors, &recording.targets[0], LaggedMode::Both).unwrap().trail;
+            let trail = if smoothed { trail.smoothed() } else { trail };
+            let known = (0..trail.len()).filter_map(|row| Some((trail.k[row] as usize, trail.mean(row)?[0])));
+            let (sum, count) = known.fold((0.0, 0.0), |(s, n), (k, x)| (s + (x - truth[k]).powi(2), n + 1.0));
+            (sum / count).sqrt()
+        };
+        let tried: Vec<usize> = tuned.windows.windows.iter().map(|w| w.0).collect();
+        let least = tried.iter().map(|w| error(*w, 0, false)).fold(f64::INFINITY, f64::min);
+        let ours = error(window, 0, false);
+        assert!(ours < 1.05 * least, "{declared}: {window} errs by {ours}, the best by {least}: {:?}", tuned.windows);
+        // The lag was chosen without truth, and truth agrees: later estimates are better, and hardly any is better than this one. With noise
+        // that is wrong what is claimed is no guide, and nothing is asked of it.
+        if declared == 0.01 {
+            let lags = tuned.windows.lags.iter().map(|l| l.0);
+            let least = lags.map(|lag| error(window, lag, true)).fold(f64::INFINITY, f64::min);
+            assert!(lag > 0 && error(window, lag, true) < 1.06 * least, "{lag}, {least}: {:?}", tuned.windows.lags);
+            assert!(!tuned.windows.by_truth && error(window, lag, true) < 0.9 * ours);
+        }
+        let text = write(&chain_spec(declared, 5, 1), &tuned, "a chain").unwrap();
+        assert!(
+            text.contains(&format!("lag = {lag}  # without truth the standard deviation claimed by lag 0: ")),
+            "{text}"
+        );
+        assert_eq!(parsed(&text).estimator, tuned.spec.estimator);
+        chosen.push(window);
+    }
+    assert!(chosen[1] < chosen[0], "{chosen:?}");
+}
+
+#[test]
+fn the_lag_is_chosen_by_known_positions() {
+    let start = WRONG.replace("kind = \"ekf\"", "kind = \"fms\"\nwindow = 4");
+    let tuned = tune(&parsed(&start), &[recording(22, 40, 0.0, ranges)], &NUMBERS, &|_| {}).unwrap();
+    let EstimatorSpec::Fms { lag: Span::Instants(lag), .. } = tuned.spec.estimator else { panic!() };
+    assert!(tuned.windows.by_truth && lag > 0, "{:?}", tuned.windows);
+    let text = write(&start, &tuned, "a walk").unwrap();
+    assert!(text.contains(&format!("lag = {lag}  # RMSE of smoothed positions by lag 0: ")), "{text}");
+    // On a walk that it was not chosen on the later rows are better than those at once.
+    let fresh = recording(23, 40, 0.0, ranges);
+    let rmse = |lag: usize| {
+        let mut spec = tuned.spec.clone();
+        let EstimatorSpec::Fms { lag: l, .. } = &mut spec.estimator else { panic!() };
+        *l = Span::Instants(lag);
+        let trail = track(&spec, &fresh.anchors, &fresh.targets[0], LaggedMode::Both).unwrap().trail.smoothed();
+        let of = |row: usize| {
+            let (t_s, x) = (trail.t_s[row]?, trail.mean(row)?);
+            let at = fresh.truth[0].points.iter().find(|p| (p.t_s - t_s).abs() < 1e-6)?.position_m;
+            Some((x[0] - at[0]?).powi(2) + (x[1] - at[1]?).powi(2))
+        };
+        let squares: Vec<f64> = (0..trail.len()).filter_map(of).collect();
+        assert!(squares.len() > 300);
+        (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+    };
+    assert!(rmse(lag) < 0.9 * rmse(0), "{lag}: {} {}", rmse(lag), rmse(0));
+}
+
+/// What a receiver without time stamps shows of a walk's positions, of which a share `p` arrives.
+fn shown(seed: u128, len: usize, p: f64, hold: &str, numbered: bool) -> Recording {
+    let mut chance = Chance(Pcg64Mcg::new(seed));
+    let mut chain = [[0.0, 1.0], [5.0, -0.5]];
+    let (mut packets, mut points) = (Vec::new(), Vec::new());
+    // The values measured before, and whether the last of them came; the one shown before.
+    let mut before: Vec<(u64, [f64; 2])> = Vec::new();
+    let (mut came_before, mut last) = (true, (0, [0.0; 2]));
+    for k in 0..len as u64 {
+        let t_s = k as f64 * 0.1;
+        points.push(TruthPoint { t_s, position_m: [Some(chain[0][0]), Some(chain[1][0]), None] });
+        let measured = (k, chain.map(|[p, _]| p + SD * chance.normal()));
+        let came = k == 0 || chance.uniform() < p;
+        let show = match (came, hold) {
+            (true, _) => measured,
+            (false, "paper") => before[before.len() - if came_before || k == 1 { 1 } else { 2 }],
+            _ => last,
+        };
+        before.push(measured);
+        (came_before, last) = (came, show);
+        let content = Content::Position([Some(show.1[0]), Some(show.1[1]), None]);
+        packets.push(Packet { seq: numbered.then_some(show.0), ..packet(t_s, content) });
+        for axis in &mut chain {
+            let w = (PSD * 0.1).sqrt() * chance.normal();
+            *axis = [axis[0] + 0.1 * axis[1] + 0.05 * w, axis[1] + w];
+        }
+    }
+    let targets = vec![TargetPackets { target: None, packets }];
+    let truth = vec![TargetTruth { target: None, points }];
+    Recording { name: "shown".to_owned(), anchors: Anchors::default(), targets, truth }
+}
+
+#[test]
+fn links_without_time_stamps_give_rate_and_noise_back() {
+    const RATE: f64 = 0.7;
+    for (hold, numbered, estimator) in [
+        ("paper", false, "lmmse"),
+        ("paper", true, "gpb1"),
+        ("last-received", false, "gpb1"),
+        ("last-received", true, "lmmse"),
+    ] {
+        let start = format!(
+            "[model]\nkind = \"constant-velocity\"\nnoise = 20.0\nx0 = [0, 5, 1, -0.5]\nP0 = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]\n[link]\nstamped = false\nhold = \"{hold}\"\n\
+             arrival = 0.95\n[sensor]\nkind = \"position\"\nsd = 1.0\n[estimator]\nkind = \"{estimator}\"\n"
+        );
+        let recordings = [shown(24, 1500, RATE, hold, numbered), shown(25, 500, RATE, hold, numbered)];
+        for recordings in [recordings.to_vec(), without_truth(&recordings)] {
+            let with_truth = !recordings[0].truth.is_empty();
+            let what = format!("{hold}, numbered {numbered}, {estimator}, truth {with_truth}");
+            let tuned = tune(&parsed(&start), &recordings, &Options::default(), &|_| {}).unwrap();
+            let arrival = tuned.arrival.unwrap();
+            // 2000 values, each known to have come or not: √(0.7 · 0.3 / 2000) = 0.0102, a little more where that is seen of some only.
+            assert!((0.009..0.016).contains(&arrival.sd), "{what}: {arrival:?}");
+            assert!((arrival.rate - RATE).abs() < 4.0 * arrival.sd, "{what}: {arrival:?}");
+            assert_eq!(tuned.spec.link.arrival, Some(ArrivalSpec::Constant(arrival.rate)), "{what}");
+            assert_eq!(arrival.by_repeats, !numbered, "{what}");
+            if !with_truth {
+                // 4000 coordinates fix their noise to 1 %, the steps of the search to 10 %.
+                assert!((tuned.spec.sensors[0].sd / SD - 1.0).abs() < 0.15, "{what}: {}", tuned.spec.sensors[0].sd);
+                assert!((0.2 * PSD..5.0 * PSD).contains(&noise(&tuned.spec)), "{what}: {}", noise(&tuned.spec));
+                assert!((tuned.after.innovation.unwrap() - 1.0).abs() < 0.1, "{what}: {:?}", tuned.after);
+            } else {
+                assert!(tuned.after.rmse_m < tuned.before.rmse_m, "{what}: {:?} {:?}", tuned.before, tuned.after);
+            }
+            let text = write(&start, &tuned, "what was shown").unwrap();
+            let by = if numbered { "values, by their sequence numbers" } else { "values shown, by those that repeat" };
+            assert!(text.contains(by) && text.contains("arrival = 0."), "{text}");
+            assert!(matches!(parsed(&text).link.arrival, Some(ArrivalSpec::Constant(_))));
+        }
+    }
+}
+
+#[test]
+fn an_error_that_all_anchors_share_has_its_numbers_tuned() {
+    let sharing = |chance: &mut Chance, anchor: usize, distance: f64| Content::Range {
+        anchor: anchor as u32,
+        value_m: distance + 0.05 * chance.normal(),
+    };
+    let mut recording = recording(26, 60, 0.0, sharing);
+    // The target's own radio is off by a sine of 40 s.
+    for packet in &mut recording.targets[0].packets {
+        if let Content::Range { value_m, .. } = &mut packet.content {
+            *value_m += 0.5 * (packet.t_s / 6.4).sin();
+        }
+    }
+    let start = WRONG.replace("sd = 2.0", "sd = 2.0\ndrift = { shared_sd = 2.0, shared_time_s = 10.0 }");
+    let tuned = tune(&parsed(&start), &[recording], &NUMBERS, &|_| {}).unwrap();
+    let drift = tuned.spec.sensors[0].drift.unwrap().shared.unwrap();
+    // A sine of amplitude 0.5 m has an RMS of 0.35; the score is flat along sd²/time, how fast the error changes.
+    assert!((0.1..1.5).contains(&drift.sd), "{drift:?}");
+    assert!((0.5 * 0.05..2.0 * 0.05).contains(&tuned.spec.sensors[0].sd), "{}", tuned.spec.sensors[0].sd);
+    let text = write(&start, &tuned, "walk 26").unwrap();
+    assert!(parsed(&text).sensors[0].drift.is_some_and(|d| d.shared.is_some() && d.each.is_none()), "{text}");
 }
 
 #[test]

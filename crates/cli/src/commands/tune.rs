@@ -15,7 +15,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Estimate noise, biases, path loss, process noise and windows from recordings
+/// Estimate noise, biases, path loss, process noise, windows, lags and arrival rates from recordings
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
@@ -199,7 +199,10 @@ fn summary(arguments: &Arguments, tuned: &Tuned) -> String {
     let mut out = format!("before: {}\nafter:  {}\n", merit_text(&tuned.before), merit_text(&tuned.after));
     for tried in &tuned.structures {
         let verdict = if tried.taken { "taken" } else { "not taken" };
-        out += &format!("{}: {:+.3}, {verdict}\n", tried.change.name(), tried.gain);
+        out += &format!("{}: {}, {verdict}\n", tried.change.name(), tried.gain_text());
+    }
+    if let Some(arrival) = &tuned.arrival {
+        out += &format!("arrival rate {} ± {}\n", short(arrival.rate), short(arrival.sd));
     }
     out + &format!("{}: tuned in {} runs", arguments.output.display(), tuned.runs)
 }
@@ -211,8 +214,9 @@ fn as_json(tuned: &Tuned) -> serde_json::Value {
         "after": merit(&tuned.after),
         "with_truth": tuned.with_truth,
         "changes": tuned.structures.iter().map(|t| json!({
-            "change": t.change.name(), "gain": t.gain, "taken": t.taken,
+            "change": t.change.name(), "gain": t.gain, "standard_error": t.error, "taken": t.taken,
         })).collect::<Vec<_>>(),
+        "arrival": tuned.arrival.map(|a| json!({ "rate": a.rate, "standard_error": a.sd, "values": a.values })),
         "runs": tuned.runs,
     })
 }

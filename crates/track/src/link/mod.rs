@@ -32,6 +32,19 @@ pub struct LinkReport {
     pub arrival: Option<f64>,
 }
 
+/// An arrival rate that was learnt.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Learnt {
+    /// The mean of its posterior.
+    pub rate: f64,
+    /// The standard deviation of its posterior.
+    pub sd: f64,
+    /// Values that it was learnt from.
+    pub values: f64,
+    /// Whether by values that repeat; by losses that are seen otherwise.
+    pub by_repeats: bool,
+}
+
 /// One target's link.
 #[derive(Clone, Debug)]
 pub struct Link {
@@ -84,6 +97,11 @@ impl Link {
     /// How the instants that wait will be read.
     pub fn reader(&self) -> &Reader {
         &self.reader
+    }
+
+    /// The arrival rate as far as it is learnt; `None` where the spec gives it, or nothing asks for it.
+    pub fn learnt(&self) -> Option<Learnt> {
+        self.reader.learnt()
     }
 
     /// What the link did so far.

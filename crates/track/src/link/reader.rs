@@ -2,7 +2,7 @@
 
 use super::repeats::Repeats;
 use super::sequence::Sequence;
-use super::{LinkReport, Slot};
+use super::{Learnt, LinkReport, Slot};
 use crate::packet::Packet;
 use crate::spec::{ArrivalSpec, Duplicates, Hold, LinkSpec, Receiver};
 use crate::tracker::Step;
@@ -220,12 +220,16 @@ impl Reader {
         }
     }
 
+    pub(super) fn learnt(&self) -> Option<Learnt> {
+        Some(match &self.rate {
+            Rate::Given => return None,
+            Rate::Counted(c) => Learnt { rate: c.mean(), sd: c.sd(), values: c.total(), by_repeats: false },
+            Rate::Repeated(r) => Learnt { rate: r.mean(), sd: r.sd(), values: r.total(), by_repeats: true },
+        })
+    }
+
     pub(super) fn report(&self) -> LinkReport {
-        let arrival = match &self.rate {
-            Rate::Given => None,
-            Rate::Counted(counted) => Some(counted.mean()),
-            Rate::Repeated(repeated) => Some(repeated.mean()),
-        };
+        let arrival = self.learnt().map(|l| l.rate);
         LinkReport { repeats: self.repeated, stale: self.stale, arrival, ..LinkReport::default() }
     }
 }

@@ -55,6 +55,8 @@ pub struct Spec {
     pub columns: BTreeMap<String, String>,
     /// `anchors = "FILE"`, relative to the spec's folder.
     pub anchors: Option<String>,
+    /// `model.side`: a point on the side of the anchors' line or plane that targets are on; missing axes are 0.
+    pub side_m: Option<[f64; 3]>,
 }
 
 impl Spec {
@@ -383,13 +385,34 @@ pub struct SensorSpec {
     pub robust: Robust,
 }
 
-/// An error of each anchor that stays for a while: first-order Gauss–Markov, a state of its own.
+/// Errors of a sensor that stay for a while, one of the two or both.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DriftSpec {
-    /// `sd`: standard deviation in the sensor's unit.
+    /// `sd`, `time_s`: an error of each anchor.
+    pub each: Option<Lasting>,
+    /// `shared_sd`, `shared_time_s`: an error that all anchors have alike, that of the target's own radio.
+    pub shared: Option<Lasting>,
+}
+
+/// An error that stays for a while: first-order Gauss–Markov, a state of its own.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lasting {
+    /// Standard deviation in the sensor's unit.
     pub sd: f64,
-    /// `time_s`: how long an error lasts.
+    /// How long an error lasts.
     pub time_s: f64,
+}
+
+impl DriftSpec {
+    /// The errors there are.
+    pub fn all(&self) -> impl Iterator<Item = &Lasting> {
+        self.each.iter().chain(&self.shared)
+    }
+
+    /// As [`all`](Self::all), to be changed.
+    pub fn all_mut(&mut self) -> impl Iterator<Item = &mut Lasting> {
+        self.each.iter_mut().chain(&mut self.shared)
+    }
 }
 
 /// What an update does with a measurement that does not fit.

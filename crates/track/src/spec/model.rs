@@ -26,17 +26,32 @@ pub(super) fn model(table: &Table<'_>, sources: &mut Sources<'_>) -> Result<Mode
 pub(super) const DENSITY: &str = "a finite power spectral density, at least 0";
 
 fn kinematic(table: &Table<'_>, whose: &str, order: usize) -> Result<KinematicSpec, BuildError> {
-    table.only(whose, &["kind", "axes", "noise", "x0", "P0", "S0"], &[])?;
+    table.only(whose, &["kind", "axes", "noise", "side", "x0", "P0", "S0"], &[])?;
     let axes = table.get("axes").map_or(Ok(2), |field| field.count(1, 3))?;
     let noise = noise(table, axes)?;
     Ok(KinematicSpec { order, axes, noise, prior: prior(table, order * axes)? })
 }
 
 fn turn(table: &Table<'_>, whose: &str) -> Result<TurnSpec, BuildError> {
-    table.only(whose, &["kind", "noise", "turn_noise", "x0", "P0", "S0"], &[])?;
+    table.only(whose, &["kind", "noise", "turn_noise", "side", "x0", "P0", "S0"], &[])?;
     let noise = noise(table, 2)?;
     let (turn_noise, per_step) = turn_noise(&table.require("turn_noise", TURN_NOISE)?)?;
     Ok(TurnSpec { noise: [noise[0], noise[1]], turn_noise, per_step, prior: prior(table, 5)? })
+}
+
+/// A point on the side that targets are on.
+pub(super) fn side(table: &Table<'_>, model: &ModelSpec) -> Result<Option<[f64; 3]>, BuildError> {
+    let axes = match model {
+        ModelSpec::Kinematic(m) => m.axes,
+        ModelSpec::Turn(_) => 2,
+        ModelSpec::GaussMarkov(_) | ModelSpec::Linear(_) => return Ok(None),
+    };
+    let Some(field) = table.get("side") else { return Ok(None) };
+    if axes < 2 {
+        return Err(field.misfit("no `side`, as there is one axis"));
+    }
+    let point = vector(&field, axes, "a point on the side of the anchors that targets are on, metres")?;
+    Ok(Some(core::array::from_fn(|i| point.get(i).copied().unwrap_or(0.0))))
 }
 
 const TURN_NOISE: &str = "a finite power spectral density, at least 0, or a table with `per_step`";

@@ -32,7 +32,9 @@ fn spec(root: &Table<'_>, read: &mut Sources<'_>) -> Result<Spec, BuildError> {
     }
     let anchors = root.get("anchors").map(|field| name(&field, "the name of a CSV file")).transpose()?;
     let expected = "a table `[model]` with a `kind`";
-    let model = model::model(&root.require("model", expected)?.table(expected)?, read)?;
+    let table = root.require("model", expected)?.table(expected)?;
+    let model = model::model(&table, read)?;
+    let side_m = model::side(&table, &model)?;
     let sensors = sensor::sensors(root, &model)?;
     let estimator = match root.get("estimator") {
         None => estimator::default(&model, &sensors),
@@ -41,7 +43,7 @@ fn spec(root: &Table<'_>, read: &mut Sources<'_>) -> Result<Spec, BuildError> {
     let link = root.get("link").map_or(Ok(LinkSpec::default()), |field| link::link(&field))?;
     link::suits(root, &link, &estimator, &model)?;
     let columns = root.get("columns").map_or(Ok(BTreeMap::new()), |field| columns(&field))?;
-    Ok(Spec { model, estimator, link, sensors, columns, anchors })
+    Ok(Spec { model, estimator, link, sensors, columns, anchors, side_m })
 }
 
 /// The columns of a table of measurements, less `z1 …` and `u1 …`.

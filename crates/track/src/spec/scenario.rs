@@ -277,6 +277,7 @@ fn simulated(
     let expected = "a table `[model]` with a `kind`";
     let model_table = root.require("model", expected)?.table(expected)?;
     let model = model::model(&model_table, read)?;
+    let side_m = model::side(&model_table, &model)?;
     if model.prior().is_none() {
         return Err(model_table.missing("x0", "the mean of where targets start, and `P0` beside it"));
     }
@@ -317,6 +318,7 @@ fn simulated(
         sensors,
         columns: BTreeMap::new(),
         anchors: None,
+        side_m,
     };
     let contenders = match root.get("contender") {
         None => Vec::new(),

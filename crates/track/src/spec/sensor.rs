@@ -2,7 +2,7 @@
 
 use super::names::{ROBUST, SENSORS, choose};
 use super::value::{Field, Table};
-use super::{DriftSpec, ModelSpec, Robust, SensorSpec};
+use super::{DriftSpec, Lasting, ModelSpec, Robust, SensorSpec};
 use crate::error::BuildError;
 use crate::packet::Kind;
 use fixtrail_core::sensors::PathLoss;
@@ -112,13 +112,20 @@ fn path_loss(sensor: &Table<'_>) -> Result<PathLoss, BuildError> {
 
 fn drift(field: &Field<'_>, unit: &str) -> Result<DriftSpec, BuildError> {
     let table = field.table("a table such as { sd = 0.3, time_s = 30 }")?;
-    table.only("`drift`", &["sd", "time_s"], &[])?;
-    let sd = format!("a standard deviation in {unit}, a finite number from 1e-9");
+    table.only("`drift`", &["sd", "time_s", "shared_sd", "shared_time_s"], &[])?;
+    let size = format!("a standard deviation in {unit}, a finite number from 1e-9");
     let time = "how long an error lasts, a positive finite number of seconds";
-    Ok(DriftSpec {
-        sd: table.require("sd", &sd)?.number(&sd, |v| v >= 1e-9)?,
-        time_s: table.require("time_s", time)?.number(time, |v| v > 0.0)?,
-    })
+    let lasting = |sd: &str, time_s: &str| -> Result<Lasting, BuildError> {
+        Ok(Lasting {
+            sd: table.require(sd, &size)?.number(&size, |v| v >= 1e-9)?,
+            time_s: table.require(time_s, time)?.number(time, |v| v > 0.0)?,
+        })
+    };
+    let has = |keys: [&str; 2]| keys.iter().any(|key| table.get(key).is_some());
+    let shared = if has(["shared_sd", "shared_time_s"]) { Some(lasting("shared_sd", "shared_time_s")?) } else { None };
+    // A table without either is one that lacks `sd`.
+    let each = if shared.is_none() || has(["sd", "time_s"]) { Some(lasting("sd", "time_s")?) } else { None };
+    Ok(DriftSpec { each, shared })
 }
 
 fn bias(field: &Field<'_>, unit: &str) -> Result<BTreeMap<String, f64>, BuildError> {

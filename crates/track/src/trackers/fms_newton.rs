@@ -7,7 +7,7 @@ use crate::heap::Heap;
 use crate::layout::Layout;
 use crate::model::Model;
 use crate::packet::Packet;
-use crate::search::{Kept, KeptWindow, cold_start, enough};
+use crate::search::{Enough, Kept, KeptWindow, cold_start, enough, image, is_right, mirror};
 use crate::spec::{Align, Span};
 use crate::tracker::{Step, Tracker};
 use crate::trackers::fms::FmsSpec;
@@ -70,7 +70,7 @@ impl<const N: usize> FmsNewton<N> {
     }
 
     fn solve(&mut self, lagged: Option<usize>) -> Result<Joint<N>, StepError> {
-        if !enough(self.model.layout.axes, self.kept.iter()) {
+        if enough(self.model.layout.axes, self.kept.iter()) != Enough::Yes {
             self.newton.clear();
             return Ok(Joint::none());
         }
@@ -79,9 +79,28 @@ impl<const N: usize> FmsNewton<N> {
             self.newton = Newton::new(larger).ok_or_else(|| no_room(larger))?;
         }
         let cold = cold_start(&self.model, self.kept.iter());
+        let is_first = self.newton.nominal().is_empty();
         let mut view = KeptWindow { model: &self.model, kept: &self.kept, rows: &mut self.rows };
         let len = self.kept.len();
-        self.newton.solve(&mut view, len, lagged.filter(|i| *i < len), &cold).map_err(StepError::Core)
+        let lagged = lagged.filter(|i| *i < len);
+        let joint = self.newton.solve(&mut view, len, lagged, &cold).map_err(StepError::Core)?;
+        // A window that goes on from the one before stays on its side.
+        let (Some(best), true) = (&joint.filter, is_first) else { return Ok(joint) };
+        let Some(mirror) = mirror(&self.model, self.kept.iter()) else { return Ok(joint) };
+        let other = image(&self.model, &self.kept, &self.newton, &cold, &mirror, best, &mut self.rows)?;
+        let Some(image) = other else { return Ok(joint) };
+        match is_right(&self.model, &mirror, best, &image) {
+            Some(false) => Ok(joint),
+            Some(true) => {
+                self.newton = image.newton;
+                let mut view = KeptWindow { model: &self.model, kept: &self.kept, rows: &mut self.rows };
+                self.newton.solve(&mut view, len, lagged, &cold).map_err(StepError::Core)
+            }
+            None => {
+                self.newton.clear();
+                Ok(Joint::none())
+            }
+        }
     }
 
     fn emit(&self, sink: &mut dyn Sink, joint: &Joint<N>, lagged: Option<usize>) {

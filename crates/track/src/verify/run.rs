@@ -31,6 +31,7 @@ impl LinearRun {
             sensors: Vec::new(),
             columns: Default::default(),
             anchors: None,
+            side_m: None,
         }
     }
 

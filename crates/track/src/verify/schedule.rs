@@ -224,6 +224,7 @@ fn spec(inputs: &Json<'_>) -> Result<Spec, BuildError> {
         sensors: vec![sensor],
         columns: BTreeMap::new(),
         anchors: None,
+        side_m: None,
     })
 }
 

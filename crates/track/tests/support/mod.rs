@@ -25,7 +25,15 @@ pub fn mat(m: &DMatrix<f64>) -> Mat {
 
 /// A spec with no sensor tables.
 pub fn spec_of(model: ModelSpec, estimator: EstimatorSpec) -> Spec {
-    Spec { model, estimator, link: LinkSpec::default(), sensors: Vec::new(), columns: BTreeMap::new(), anchors: None }
+    Spec {
+        model,
+        estimator,
+        link: LinkSpec::default(),
+        sensors: Vec::new(),
+        columns: BTreeMap::new(),
+        anchors: None,
+        side_m: None,
+    }
 }
 
 /// Whether a time-invariant run is declared as one, or as a sequence of equal steps.

@@ -99,6 +99,8 @@ fn kinematic_models() -> Vec<Broken> {
         model("axes = 1.5", "model.axes", &["is 1.5", "a whole number"]),
         model("x0 = [0, 0, 0, 0]", "model.P0", &["is missing", "covariance of `x0`"]).at(1),
         model("P0 = [[1]]", "model.x0", &["is missing"]).at(1),
+        model("side = [1]", "model.side", &["is a list of 1 value", "a list of 2, a point on the side"]).at(4),
+        model("side = 1", "model.side", &["is 1", "a list of 2"]).at(4),
         model("P0 = [[1]]\nx0 = [1, 2]", "model.x0", &["is a list of 2 values", "a list of 4"]).at(5),
         model("x0 = [0, 0, 0, 0]\nP0 = [[1, 0], [0, 1]]", "model.P0", &["is 2 × 2", "expected 4 × 4"]).at(5),
         spec("[model]\nkind = \"random-walk\"\n", 1, "model.noise", &["is missing", "finite power spectral density"]),
@@ -495,6 +497,12 @@ fn sensors() -> Vec<Broken> {
             7,
             "sensor.drift.time_s",
             &["seconds"],
+        ),
+        sensor(
+            "[sensor]\nkind = \"range\"\nsd = 1\ndrift = { sd = 1, time_s = 9, shared_sd = 1 }",
+            7,
+            "sensor.drift.shared_time_s",
+            &["is missing", "how long"],
         ),
         sensor("[sensor]\nkind = \"bearing\"\nsd = 1\nheight_m = 1", 7, "sensor.height_m", &["a `bearing` sensor"]),
         sensor(

@@ -28,6 +28,16 @@ fn linear(spec: &Spec) -> &LinearSpec {
 }
 
 #[test]
+fn the_side_of_targets_is_a_point_of_as_many_axes() {
+    let model = |more: &str| {
+        format!("[model]\nkind = \"constant-velocity\"\nnoise = 1\n{more}\n[[sensor]]\nkind = \"range\"\nsd = 1")
+    };
+    assert_eq!(good(&model("side = [1, -2]")).side_m, Some([1.0, -2.0, 0.0]));
+    assert_eq!(good(&model("axes = 3\nside = [1, -2, 3]")).side_m, Some([1.0, -2.0, 3.0]));
+    assert_eq!(good(&model("")).side_m, None);
+}
+
+#[test]
 fn kinematic_models_have_order_axes_and_noise() {
     for (kind, order) in [("random-walk", 1), ("constant-velocity", 2), ("constant-acceleration", 3)] {
         let spec = good(&format!("[model]\nkind = \"{kind}\"\nnoise = 2\n[sensor]\nkind=\"position\"\nsd=1"));
@@ -401,12 +411,21 @@ fn stationary_motion_has_a_place_and_a_speed() {
 
 #[test]
 fn errors_that_last_have_a_size_and_a_time() {
+    let lasting = |sd, time_s| Some(Lasting { sd, time_s });
     for kind in ["range", "rssi\"\npath_loss = { exponent = 2, at_1m_dbm = -40 }\nrobust = \"none"] {
         let spec = good(&format!(
             "[model]\nkind = \"constant-velocity\"\nnoise = 1\n[sensor]\nkind = \"{kind}\"\nsd = 1\ndrift = {{ sd = 0.3, time_s = 30 }}"
         ));
-        assert_eq!(spec.sensors[0].drift, Some(DriftSpec { sd: 0.3, time_s: 30.0 }));
+        assert_eq!(spec.sensors[0].drift, Some(DriftSpec { each: lasting(0.3, 30.0), shared: None }));
     }
+    let spec = good(
+        "[model]\nkind = \"constant-velocity\"\nnoise = 1\n[sensor]\nkind = \"range\"\nsd = 1\ndrift = { sd = 0.3, time_s = 30, shared_sd = 0.1, shared_time_s = 3 }",
+    );
+    assert_eq!(spec.sensors[0].drift, Some(DriftSpec { each: lasting(0.3, 30.0), shared: lasting(0.1, 3.0) }));
+    let spec = good(
+        "[model]\nkind = \"constant-velocity\"\nnoise = 1\n[sensor]\nkind = \"range\"\nsd = 1\ndrift = { shared_sd = 0.1, shared_time_s = 3 }",
+    );
+    assert_eq!(spec.sensors[0].drift, Some(DriftSpec { each: None, shared: lasting(0.1, 3.0) }));
 }
 
 #[test]
