@@ -1,12 +1,13 @@
 //! The blocks of a table put together in order.
 
+use crate::common::Common;
 use crate::content::AnchorIds;
-use crate::formats;
+use crate::formats::{self, Joiner};
 use crate::input::Input;
 use crate::names::{Names, TargetId};
 use crate::options::{Counts, ReadOptions};
 use crate::record::{self, ABSENT, Clock, MOST_ANCHORS, Rule, Shape};
-use crate::rows::{self, Block, Rows, Seen};
+use crate::rows::{Block, Rows};
 use crate::schema::{Col, Schema};
 use crate::store::{Merge, Room, SortBy, Store};
 use crate::table::TableMeta;
@@ -16,6 +17,7 @@ use fixtrail_track::error::BuildError;
 use fixtrail_track::geo::Origin;
 use fixtrail_track::packet::{Kind, Packet};
 use std::cmp::Ordering;
+use std::convert::Infallible;
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
@@ -31,8 +33,7 @@ pub(crate) struct Facts<'a> {
     pub schema: Schema<'a>,
     pub anchors: &'a Anchors,
     pub skip_bad_rows: bool,
-    /// Names of the targets, by number.
-    names: Vec<Box<str>>,
+    names: Arc<Names>,
     /// Place of each target in the order of their names.
     rank: Vec<u32>,
     by_k: ByK,
@@ -66,7 +67,40 @@ impl ByK {
     }
 }
 
-impl Facts<'_> {
+impl<'a> Facts<'a> {
+    /// What is known, before its rows are in, of a table that stands in order, with times in seconds and without a `k`.
+    pub fn of_straight(
+        file: &'a Path,
+        anchors: &'a Anchors,
+        options: &ReadOptions,
+        names: Arc<Names>,
+        shape: Shape,
+    ) -> Facts<'a> {
+        let latency = |kind: Kind| options.latency_s.get(&kind).copied().unwrap_or(0.0);
+        Facts {
+            schema: Schema::new(file),
+            anchors,
+            skip_bad_rows: options.skip_bad_rows,
+            names,
+            rank: Vec::new(),
+            by_k: ByK::All(false),
+            rule: Rule { dates: false, latency_ns: record::latencies_ns(latency) },
+            shape,
+            records: 0,
+            clock: Clock { epoch_unix_s: None, latency_s: Clock::latencies(latency) },
+            time: TimeForm::Seconds,
+            origin: None,
+            has_target: true,
+            counts: Counts::default(),
+        }
+    }
+
+    /// Whether one record of a target may stand before another.
+    #[inline]
+    pub fn in_order(&self, a: &[u64], b: &[u64]) -> bool {
+        self.shape.compare(a, b, false, &self.rule) != Ordering::Greater
+    }
+
     /// Whether the records of a target are ordered by `k`.
     pub fn by_k(&self, target: TargetId) -> bool {
         self.by_k.of(target)
@@ -74,7 +108,7 @@ impl Facts<'_> {
 
     /// The name of a target; `None` in a table without a target column.
     pub fn name(&self, target: TargetId) -> Option<String> {
-        self.names.get(target as usize).filter(|name| !name.is_empty()).map(|name| name.to_string())
+        self.names.name(target).filter(|name| !name.is_empty()).map(String::from)
     }
 
     /// The packets of records of one target.
@@ -135,7 +169,7 @@ pub(crate) fn gather<'a>(
     let names = Arc::new(Names::default());
     let part = Rows::new(file, options, anchors, names.clone());
     let mut gather = Gather::new(file, options, names, Store::new(room, folder));
-    let part = formats::read_parts(input, options.format, part, &mut |block| gather.join(block), progress)?;
+    let part = formats::read_parts(input, options.format, part, &mut gather, progress)?;
     gather.finish(part.schema, anchors.anchors)
 }
 
@@ -161,13 +195,9 @@ struct Gather<'a> {
     /// Whether all records are ordered by `k`, once some have been.
     by_k: Option<bool>,
     rule: Rule,
-    times: Option<Seen>,
-    positions: Option<Seen>,
-    anchored: Option<u64>,
-    offset_s: Option<Option<i32>>,
+    common: Common<'a>,
     earliest_ns: Option<i64>,
     earliest: Option<Earliest>,
-    counts: Counts,
 }
 
 /// Names of targets, and their places in order.
@@ -206,75 +236,9 @@ impl<'a> Gather<'a> {
             lacks_k: Vec::new(),
             by_k: None,
             rule: Rule { dates: false, latency_ns: record::latencies_ns(latency) },
-            times: None,
-            positions: None,
-            anchored: None,
-            offset_s: None,
+            common: Common::new(file),
             earliest_ns: None,
             earliest: None,
-            counts: Counts::default(),
-        }
-    }
-
-    fn join(&mut self, mut block: Block) -> Result<(), BuildError> {
-        self.same_forms(&mut block)?;
-        self.count(&mut block);
-        let targets = self.names.len();
-        self.newest.resize(targets, 0);
-        self.lacks_k.resize(targets, false);
-        self.number_rows(&mut block);
-        self.look_at(&block);
-        let Block { words, shape, .. } = block;
-        for words in words.chunks(self.store.run_words(&shape)) {
-            if self.store.append(words, &shape) && self.store.is_bounded() {
-                self.sorted.renew(&self.names);
-                let by_k = *self.by_k.get_or_insert(!self.lacks_k.contains(&true));
-                let by = SortBy { rank: &self.sorted.rank, by_k: &|_| by_k, rule: &self.rule };
-                self.store.close(&by).map_err(|e| spill_failed(self.file, &e))?;
-            }
-        }
-        Ok(())
-    }
-
-    /// Refuses a block whose times or positions are written otherwise than those before.
-    fn same_forms(&mut self, block: &mut Block) -> Result<(), BuildError> {
-        if let Some(now) = block.times.take() {
-            match &self.times {
-                Some(first) if first.form != now.form => {
-                    return Err(rows::other_time_form(self.file, first, &now));
-                }
-                Some(_) => {}
-                None => {
-                    self.rule.dates = now.form;
-                    self.times = Some(now);
-                }
-            }
-        }
-        if let Some(now) = block.positions.take() {
-            match &self.positions {
-                Some(first) if first.form != now.form => {
-                    return Err(rows::other_position_form(self.file, first, &now));
-                }
-                Some(_) => {}
-                None => self.positions = Some(now),
-            }
-        }
-        Ok(())
-    }
-
-    fn count(&mut self, block: &mut Block) {
-        let counts = std::mem::take(&mut block.counts);
-        self.counts.rows += counts.rows;
-        self.counts.skipped_bad += counts.skipped_bad;
-        if self.counts.first_bad.is_none() {
-            self.counts.first_bad = counts.first_bad;
-        }
-        for (kind, n) in counts.ignored_kinds {
-            *self.counts.ignored_kinds.entry(kind).or_default() += n;
-        }
-        self.anchored = self.anchored.or(block.anchored);
-        if let Some(offset) = block.offset_s {
-            self.offset_s = Some(self.offset_s.unwrap_or(offset).filter(|before| Some(*before) == offset));
         }
     }
 
@@ -298,7 +262,7 @@ impl<'a> Gather<'a> {
     /// What shows in the whole table alone: rows out of order, the earliest date and position, and who has a `k`.
     fn look_at(&mut self, block: &Block) {
         let shape = &block.shape;
-        let is_geodetic = self.positions.as_ref().is_some_and(|p| p.form);
+        let is_geodetic = self.common.is_geodetic();
         for r in block.words.chunks_exact(shape.width.max(1)) {
             let target = record::target(r) as usize;
             self.lacks_k[target] |= shape.k == 0 || r[shape.k] == ABSENT;
@@ -308,7 +272,7 @@ impl<'a> Gather<'a> {
             let instant = self.rule.instant(r[shape.t], || shape.kind_of(r));
             let newest = &mut self.newest[target];
             if instant < *newest {
-                self.counts.out_of_order += 1;
+                self.common.counts.out_of_order += 1;
             } else {
                 *newest = instant;
             }
@@ -347,12 +311,15 @@ impl<'a> Gather<'a> {
 
     fn finish(mut self, schema: Schema<'a>, anchors: &'a Anchors) -> Result<Gathered<'a>, BuildError> {
         let file = self.file;
-        if self.store.records == 0 && self.counts.skipped_bad > 0 {
-            let first = self.counts.first_bad.unwrap_or_default();
+        let has_dates = self.common.has_dates();
+        let is_geodetic = self.common.is_geodetic();
+        let Common { anchored, offset_s, mut counts, .. } = self.common;
+        if self.store.records == 0 && counts.skipped_bad > 0 {
+            let first = counts.first_bad.unwrap_or_default();
             let what = format!("has no good row, expected at least one; the first: {first}");
             return Err(BuildError::new(file, None, None, what));
         }
-        if let (true, Some(line)) = (self.positions.as_ref().is_some_and(|p| p.form), self.anchored) {
+        if let (true, Some(line)) = (is_geodetic, anchored) {
             let what = "refers to an anchor in metres while positions are latitudes and longitudes, expected one frame for both";
             return Err(schema.at(line, Col::Anchor, what));
         }
@@ -365,13 +332,15 @@ impl<'a> Gather<'a> {
             Some(by_k) => ByK::All(by_k),
             None => ByK::Of(self.lacks_k.iter().map(|lacks| !lacks).collect()),
         };
-        let time = match &self.times {
-            Some(seen) if seen.form => TimeForm::Rfc3339 {
+        let time = if has_dates {
+            TimeForm::Rfc3339 {
                 epoch_unix_s: self.earliest_ns.map_or(0, time::whole_second),
-                offset_s: self.offset_s.flatten().unwrap_or(0),
-            },
-            _ if schema.has(Col::T) => TimeForm::Seconds,
-            _ => TimeForm::Index,
+                offset_s: offset_s.flatten().unwrap_or(0),
+            }
+        } else if schema.has(Col::T) {
+            TimeForm::Seconds
+        } else {
+            TimeForm::Index
         };
         let epoch_unix_s = match time {
             TimeForm::Rfc3339 { epoch_unix_s, .. } => Some(epoch_unix_s),
@@ -380,16 +349,16 @@ impl<'a> Gather<'a> {
         let latency = |kind: Kind| self.options.latency_s.get(&kind).copied().unwrap_or(0.0);
         let clock = Clock { epoch_unix_s, latency_s: Clock::latencies(latency) };
         let records = self.store.records;
-        let Sorted { names, rank } = self.sorted;
+        let rank = self.sorted.rank;
         let by = SortBy { rank: &rank, by_k: &|t| by_k.of(t), rule: &self.rule };
         let merge = self.store.merge(&by).map_err(|e| spill_failed(file, &e))?;
-        self.counts.ignored_columns.clone_from(&schema.ignored);
+        counts.ignored_columns.clone_from(&schema.ignored);
         let has_target = schema.has(Col::Target);
         let facts = Facts {
             schema,
             anchors,
             skip_bad_rows: self.options.skip_bad_rows,
-            names,
+            names: self.names,
             rank,
             by_k,
             rule: self.rule,
@@ -399,9 +368,48 @@ impl<'a> Gather<'a> {
             time,
             origin: self.earliest.map(|e| e.origin),
             has_target,
-            counts: self.counts,
+            counts,
         };
         Ok(Gathered { facts, merge })
+    }
+}
+
+impl Joiner for Gather<'_> {
+    type Block = Block;
+    type Job = Infallible;
+    type Done = Infallible;
+    type Error = BuildError;
+
+    fn join(&mut self, mut block: Block) -> Result<(), BuildError> {
+        self.common.add(&mut block)?;
+        self.rule.dates = self.common.has_dates();
+        let targets = self.names.len();
+        self.newest.resize(targets, 0);
+        self.lacks_k.resize(targets, false);
+        self.number_rows(&mut block);
+        self.look_at(&block);
+        let Block { words, shape, .. } = block;
+        for words in words.chunks(self.store.run_words(&shape)) {
+            if self.store.append(words, &shape) && self.store.is_bounded() {
+                self.sorted.renew(&self.names);
+                let by_k = *self.by_k.get_or_insert(!self.lacks_k.contains(&true));
+                let by = SortBy { rank: &self.sorted.rank, by_k: &|_| by_k, rule: &self.rule };
+                self.store.close(&by).map_err(|e| spill_failed(self.file, &e))?;
+            }
+        }
+        Ok(())
+    }
+
+    fn job(&mut self) -> Option<Infallible> {
+        None
+    }
+
+    fn work(job: Infallible) -> Infallible {
+        job
+    }
+
+    fn done(&mut self, done: Infallible) -> Result<(), BuildError> {
+        match done {}
     }
 }
 

@@ -1,20 +1,26 @@
 //! Work on a stream of pieces side by side, its results in the order of the pieces.
 
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::mpsc::{Receiver, channel};
+use std::sync::{Mutex, PoisonError};
 use std::thread;
 
-/// Pieces that a thread may have waiting.
+/// Pieces under way for each thread.
 const AHEAD: usize = 2;
 
 /// Calls `take` with what `work` makes of every piece that `next` hands out, in their order. `worker` makes what a thread keeps from one piece
 /// to the next.
 ///
-/// `next` and `take` run on this thread, `work` on `threads` others (on this one where there is but one). Never more than
-/// `AHEAD` pieces a thread are under way: memory does not grow with the number of pieces. Results do not depend on `threads` where `work` does
-/// not look at what it keeps.
+/// `next` and `take` run on this thread, `work` on `threads` others (on this one where there is but one); a thread that is free takes the next
+/// piece. Never more than `AHEAD` pieces a thread are under way: memory does not grow with the number of pieces. Results do not depend on
+/// `threads` where `work` does not look at what it keeps.
 ///
 /// # Errors
 /// The first error of `next` or `take`; what is under way then is dropped.
+///
+/// # Panics
+/// Where `work` does.
 pub(crate) fn ordered<W, I, O, E>(
     threads: usize,
     worker: impl Fn() -> W,
@@ -34,42 +40,58 @@ where
         }
         return Ok(());
     }
+    let (give, pieces) = channel::<(usize, I)>();
+    let (hand_back, results) = channel::<(usize, thread::Result<O>)>();
+    let pieces = Mutex::new(pieces);
     thread::scope(|scope| {
-        let work = &work;
-        let lanes: Vec<(SyncSender<I>, Receiver<O>)> = (0..threads)
-            .map(|_| {
-                let (give, pieces) = sync_channel::<I>(AHEAD);
-                let (hand_back, results) = sync_channel::<O>(AHEAD);
-                let mut kept = worker();
-                scope.spawn(move || {
-                    for piece in pieces {
-                        if hand_back.send(work(&mut kept, piece)).is_err() {
-                            break;
-                        }
+        let (work, pieces) = (&work, &pieces);
+        for _ in 0..threads {
+            let (hand_back, mut kept) = (hand_back.clone(), worker());
+            scope.spawn(move || {
+                while let Some((place, piece)) = wait(pieces) {
+                    let result = catch_unwind(AssertUnwindSafe(|| work(&mut kept, piece)));
+                    let has_panicked = result.is_err();
+                    if hand_back.send((place, result)).is_err() || has_panicked {
+                        break;
                     }
-                });
-                (give, results)
-            })
-            .collect();
+                }
+            });
+        }
+        // Dropped at the end, which ends the threads.
+        let give = give;
         let (mut sent, mut taken, mut is_over) = (0, 0, false);
+        // Results that came before their turn: the first is that of piece `taken`.
+        let mut early: VecDeque<Option<O>> = VecDeque::new();
         loop {
             while !is_over && sent - taken < AHEAD * threads {
-                let Some(piece) = next()? else {
-                    is_over = true;
-                    break;
-                };
-                // A thread that is gone has panicked; the scope passes that on.
-                is_over = lanes[sent % threads].0.send(piece).is_err();
-                sent += usize::from(!is_over);
+                match next()? {
+                    // The threads last as long as their results are waited for.
+                    Some(piece) => is_over = give.send((sent, piece)).is_err(),
+                    None => is_over = true,
+                }
+                if !is_over {
+                    sent += 1;
+                    early.push_back(None);
+                }
             }
             if taken == sent {
                 return Ok(());
             }
-            let Ok(result) = lanes[taken % threads].1.recv() else { return Ok(()) };
-            taken += 1;
-            take(result)?;
+            while early.front().is_some_and(Option::is_none) {
+                let Ok((place, result)) = results.recv() else { return Ok(()) };
+                early[place - taken] = Some(result.unwrap_or_else(|panic| resume_unwind(panic)));
+            }
+            if let Some(result) = early.pop_front().flatten() {
+                taken += 1;
+                take(result)?;
+            }
         }
     })
+}
+
+/// The next piece, once there is one; `None` when there will be no more.
+fn wait<I>(pieces: &Mutex<Receiver<(usize, I)>>) -> Option<(usize, I)> {
+    pieces.lock().unwrap_or_else(PoisonError::into_inner).recv().ok()
 }
 
 #[cfg(test)]
@@ -104,6 +126,20 @@ mod tests {
         for threads in [1, 2, 3, 8] {
             assert_eq!(squares(threads, None).unwrap(), expected);
         }
+    }
+
+    #[test]
+    fn a_panic_in_the_work_is_passed_on() {
+        let mut n = 0;
+        let next = || {
+            n += 1;
+            Ok::<_, String>((n < 100).then_some(n))
+        };
+        let work = |(): &mut (), n: u64| assert_ne!(n, 50, "piece 50");
+        let caught = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+            super::ordered(2, || (), next, work, |()| Ok(()))
+        }));
+        assert!(caught.unwrap_err().downcast_ref::<String>().is_some_and(|text| text.contains("piece 50")));
     }
 
     #[test]

@@ -6,12 +6,13 @@ use crate::input::Input;
 use crate::names::TargetId;
 use crate::options::{Counts, ReadOptions};
 use crate::ordered::ordered;
-use crate::record;
+use crate::job::{Done, Job, Worker};
 use crate::settle::{Settler, Tally};
 use crate::store::Room;
+use crate::straight::track_straight;
 use crate::table::TableMeta;
 use crate::totals::Totals;
-use crate::write::{Encoded, Encoder, GROUP_ROWS, OutFormat, Output, Piece, Sheet, WriteError, WriteOptions, place};
+use crate::write::{Encoder, GROUP_ROWS, OutFormat, Output, Piece, Sheet, WriteError, WriteOptions, place};
 use fixtrail_track::anchors::Anchors;
 use fixtrail_track::chains::Series;
 use fixtrail_track::error::BuildError;
@@ -22,7 +23,6 @@ use fixtrail_track::spec::{Receiver, Spec};
 use fixtrail_track::target::{TargetPackets, TargetTrail};
 use fixtrail_track::trackers::LaggedMode;
 use fixtrail_track::trail::Trail;
-use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -73,7 +73,7 @@ pub enum FileError {
 /// What a run is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
-    /// Reads the table: bytes.
+    /// Reads the table, and tracks its targets at once where it is in order: bytes.
     Reading,
     /// Tracks targets and writes their trails: records.
     Tracking,
@@ -94,9 +94,22 @@ pub fn track_file(run: &FileRun<'_>, progress: &dyn Fn(Phase, u64, u64)) -> Resu
 
 fn track_within(run: &FileRun<'_>, room: Room, progress: &dyn Fn(Phase, u64, u64)) -> Result<FileOutcome, FileError> {
     let ids = AnchorIds::new(run.anchors);
+    match track_straight(run, &ids, room.long, progress)? {
+        Some(outcome) => Ok(outcome),
+        None => track_sorted(run, &ids, room, progress),
+    }
+}
+
+/// Tracks a table in any order.
+fn track_sorted(
+    run: &FileRun<'_>,
+    ids: &AnchorIds<'_>,
+    room: Room,
+    progress: &dyn Fn(Phase, u64, u64),
+) -> Result<FileOutcome, FileError> {
     let folder = spill_folder(run.output);
     let reading = &mut |done, total| progress(Phase::Reading, done, total);
-    let gathered = gather(run.input, &ids, run.read, (room, &folder), reading)?;
+    let gathered = gather(run.input, ids, run.read, (room, &folder), reading)?;
     let layout = registry::layout(run.spec);
     let meta = gathered.facts.meta();
     let encoder = Encoder::new(run.output.name(), &layout, meta, run.lagged == LaggedMode::Both, run.write)?;
@@ -140,21 +153,6 @@ fn spill_folder(output: &Output) -> PathBuf {
     }
 }
 
-/// Records of some targets.
-struct Job {
-    records: Vec<u64>,
-    targets: Vec<(TargetId, Range<usize>)>,
-}
-
-/// What became of a job.
-#[derive(Default)]
-struct Done {
-    totals: Totals,
-    tally: Tally,
-    encoded: Option<Result<Encoded, WriteError>>,
-    unsteady: Option<TrackError>,
-}
-
 /// The second half of a run.
 struct Writer<'a> {
     run: &'a FileRun<'a>,
@@ -182,7 +180,7 @@ impl Writer<'_> {
         let mut long: Option<(TargetId, Vec<u64>)> = None;
         loop {
             let Writer { run, long: most, n, encoder, series, failed, progress, outcome, tally, unsteady } = self;
-            let worker = Worker { run, n: *n, encoder, series: series.as_ref(), facts, failed };
+            let worker = Worker { run, n: *n, encoder, series: series.as_ref(), failed };
             let next = || -> Result<Option<Job>, FileError> {
                 let mut job = Job { records: Vec::new(), targets: Vec::new() };
                 while long.is_none() && job.records.len() < GROUP_ROWS * width {
@@ -210,7 +208,7 @@ impl Writer<'_> {
                 progress(Phase::Tracking, outcome.totals.packets, facts.records);
                 Ok(())
             };
-            ordered(rayon::current_num_threads(), || (), next, |(), job| worker.job(&job), take)?;
+            ordered(rayon::current_num_threads(), || (), next, |(), job| worker.job(&job, facts), take)?;
             match long.take() {
                 None => return Ok(()),
                 Some((target, records)) => self.long(facts, merge, (target, records), sheet)?,
@@ -314,87 +312,6 @@ fn push(
         pipeline.push(packet, trail)?;
     }
     if is_last { pipeline.finish(trail) } else { Ok(()) }
-}
-
-/// What runs jobs, the same for all of them.
-struct Worker<'a> {
-    run: &'a FileRun<'a>,
-    n: usize,
-    encoder: &'a Encoder<'a>,
-    series: Option<&'a Series>,
-    facts: &'a Facts<'a>,
-    failed: &'a AtomicBool,
-}
-
-impl Worker<'_> {
-    fn job(&self, job: &Job) -> Done {
-        let mut done = Done::default();
-        let mut trails = Vec::with_capacity(job.targets.len());
-        for (target, range) in &job.targets {
-            let records = &job.records[range.clone()];
-            done.totals.packets += (records.len() / self.facts.shape.width) as u64;
-            let has_failed = || self.failed.load(Ordering::Relaxed);
-            match self.at_once(*target, records) {
-                Some(Ok(trail)) => trails.push(trail),
-                Some(Err(error)) => {
-                    done.unsteady.get_or_insert(error);
-                }
-                None => {
-                    let mut packets = self.facts.packets(records);
-                    Settler::new(self.facts, *target).settle(&mut packets, self.facts, &mut done.tally);
-                    if packets.is_empty() || done.tally.refused.is_some() || done.unsteady.is_some() || has_failed() {
-                        continue;
-                    }
-                    let packets = TargetPackets { target: self.facts.name(*target), packets };
-                    match track(self.run.spec, self.run.anchors, &packets, self.run.lagged) {
-                        Ok(trail) => trails.push(trail),
-                        Err(error) => {
-                            done.unsteady.get_or_insert(error);
-                        }
-                    }
-                }
-            }
-        }
-        if done.tally.refused.is_none() && done.unsteady.is_none() && !self.failed.load(Ordering::Relaxed) {
-            trails.iter().for_each(|trail| done.totals.add_target(trail));
-            let pieces: Vec<Piece<'_>> = trails.iter().map(Piece::whole).collect();
-            done.encoded = Some(self.encoder.encode(&pieces));
-        }
-        done
-    }
-
-    /// The trail of a target by [`Series`], where that is possible: every record an instant of its own with all coordinates.
-    fn at_once(&self, target: TargetId, records: &[u64]) -> Option<Result<TargetTrail, TrackError>> {
-        let (series, shape) = (self.series?, &self.facts.shape);
-        let is_local = self.facts.origin.is_none() && self.facts.clock.epoch_unix_s.is_none();
-        if !(is_local && shape.is_plain() && shape.kind().is_some() && shape.n_values() >= series.axes()) {
-            return None;
-        }
-        let rows = records.len() / shape.width;
-        let (mut t_s, mut positions) = (Vec::with_capacity(rows), Vec::with_capacity(rows * series.axes()));
-        let mut before = f64::NEG_INFINITY;
-        for r in records.chunks_exact(shape.width) {
-            let now = f64::from_bits(r[1]);
-            let values = &r[2..2 + series.axes()];
-            // Two records of an instant are a copy or a contradiction.
-            if !(now > before) || values.contains(&record::ABSENT) {
-                return None;
-            }
-            before = now;
-            t_s.push(now);
-            positions.extend(values.iter().map(|bits| f64::from_bits(*bits)));
-        }
-        let name = self.facts.name(target);
-        let mut trail = Trail::new(self.n, self.run.lagged == LaggedMode::Both);
-        Some(match series.track(&t_s, &positions, &mut trail) {
-            Ok(()) => Ok(TargetTrail { target: name, trail, link: Default::default() }),
-            Err((row, error)) => Err(TrackError::Step {
-                target: name.unwrap_or_else(|| "-".to_owned()),
-                line: record::line(&records[row * shape.width..]),
-                error,
-            }),
-        })
-    }
 }
 
 #[cfg(test)]
