@@ -56,6 +56,7 @@ impl<'a> Common<'a> {
         let counts = std::mem::take(&mut block.counts);
         self.counts.rows += counts.rows;
         self.counts.skipped_bad += counts.skipped_bad;
+        self.counts.out_of_order += counts.out_of_order;
         if self.counts.first_bad.is_none() {
             self.counts.first_bad = counts.first_bad;
         }

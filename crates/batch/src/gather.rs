@@ -2,14 +2,14 @@
 
 use crate::common::Common;
 use crate::content::AnchorIds;
-use crate::formats::{self, Joiner};
+use crate::formats;
 use crate::input::Input;
 use crate::names::{Names, TargetId};
 use crate::options::{Counts, ReadOptions};
 use crate::record::{self, ABSENT, Clock, MOST_ANCHORS, Rule, Shape};
 use crate::rows::{Block, Rows};
 use crate::schema::{Col, Schema};
-use crate::store::{Merge, Room, SortBy, Store};
+use crate::store::{self, Merge, Room, SortBy, Store};
 use crate::table::TableMeta;
 use crate::time::{self, TimeForm};
 use fixtrail_track::anchors::Anchors;
@@ -17,7 +17,6 @@ use fixtrail_track::error::BuildError;
 use fixtrail_track::geo::Origin;
 use fixtrail_track::packet::{Kind, Packet};
 use std::cmp::Ordering;
-use std::convert::Infallible;
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
@@ -68,8 +67,8 @@ impl ByK {
 }
 
 impl<'a> Facts<'a> {
-    /// What is known, before its rows are in, of a table that stands in order, with times in seconds and without a `k`.
-    pub fn of_straight(
+    /// What is known, before its rows are in, of a table with times in seconds, without a `k` and without latitudes.
+    pub fn of_seconds(
         file: &'a Path,
         anchors: &'a Anchors,
         options: &ReadOptions,
@@ -95,10 +94,9 @@ impl<'a> Facts<'a> {
         }
     }
 
-    /// Whether one record of a target may stand before another.
-    #[inline]
-    pub fn in_order(&self, a: &[u64], b: &[u64]) -> bool {
-        self.shape.compare(a, b, false, &self.rule) != Ordering::Greater
+    /// Puts the records of a target in order.
+    pub fn sort(&self, records: &mut [u64]) {
+        store::sort_target(records, &self.shape, false, &self.rule);
     }
 
     /// Whether the records of a target are ordered by `k`.
@@ -169,7 +167,7 @@ pub(crate) fn gather<'a>(
     let names = Arc::new(Names::default());
     let part = Rows::new(file, options, anchors, names.clone());
     let mut gather = Gather::new(file, options, names, Store::new(room, folder));
-    let part = formats::read_parts(input, options.format, part, &mut gather, progress)?;
+    let part = formats::read_parts(input, options.format, part, &mut |block| gather.join(block), progress)?;
     gather.finish(part.schema, anchors.anchors)
 }
 
@@ -240,6 +238,26 @@ impl<'a> Gather<'a> {
             earliest_ns: None,
             earliest: None,
         }
+    }
+
+    fn join(&mut self, mut block: Block) -> Result<(), BuildError> {
+        self.common.add(&mut block)?;
+        self.rule.dates = self.common.has_dates();
+        let targets = self.names.len();
+        self.newest.resize(targets, 0);
+        self.lacks_k.resize(targets, false);
+        self.number_rows(&mut block);
+        self.look_at(&block);
+        let Block { words, shape, .. } = block;
+        for words in words.chunks(self.store.run_words(&shape)) {
+            if self.store.append(words, &shape) && self.store.is_bounded() {
+                self.sorted.renew(&self.names);
+                let by_k = *self.by_k.get_or_insert(!self.lacks_k.contains(&true));
+                let by = SortBy { rank: &self.sorted.rank, by_k: &|_| by_k, rule: &self.rule };
+                self.store.close(&by).map_err(|e| spill_failed(self.file, &e))?;
+            }
+        }
+        Ok(())
     }
 
     /// Rows were numbered within their block: the numbers go on from those before.
@@ -371,45 +389,6 @@ impl<'a> Gather<'a> {
             counts,
         };
         Ok(Gathered { facts, merge })
-    }
-}
-
-impl Joiner for Gather<'_> {
-    type Block = Block;
-    type Job = Infallible;
-    type Done = Infallible;
-    type Error = BuildError;
-
-    fn join(&mut self, mut block: Block) -> Result<(), BuildError> {
-        self.common.add(&mut block)?;
-        self.rule.dates = self.common.has_dates();
-        let targets = self.names.len();
-        self.newest.resize(targets, 0);
-        self.lacks_k.resize(targets, false);
-        self.number_rows(&mut block);
-        self.look_at(&block);
-        let Block { words, shape, .. } = block;
-        for words in words.chunks(self.store.run_words(&shape)) {
-            if self.store.append(words, &shape) && self.store.is_bounded() {
-                self.sorted.renew(&self.names);
-                let by_k = *self.by_k.get_or_insert(!self.lacks_k.contains(&true));
-                let by = SortBy { rank: &self.sorted.rank, by_k: &|_| by_k, rule: &self.rule };
-                self.store.close(&by).map_err(|e| spill_failed(self.file, &e))?;
-            }
-        }
-        Ok(())
-    }
-
-    fn job(&mut self) -> Option<Infallible> {
-        None
-    }
-
-    fn work(job: Infallible) -> Infallible {
-        job
-    }
-
-    fn done(&mut self, done: Infallible) -> Result<(), BuildError> {
-        match done {}
     }
 }
 

@@ -115,11 +115,6 @@ impl<'a> Source<'a> {
         Ok(Source { file, format, reader: Box::new(reader), total, done })
     }
 
-    /// Bytes read so far.
-    pub fn bytes_done(&self) -> u64 {
-        self.done.get()
-    }
-
     /// A handle on the number of bytes read so far, for readers that take the source apart.
     pub fn counter(&self) -> Rc<Cell<u64>> {
         self.done.clone()

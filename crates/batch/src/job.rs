@@ -6,7 +6,7 @@ use crate::record;
 use crate::settle::{Settler, Tally};
 use crate::stream::FileRun;
 use crate::totals::Totals;
-use crate::write::{Encoded, Encoder, Piece, WriteError};
+use crate::write::{Encoded, Encoder, Piece, Sheaf, WriteError};
 use fixtrail_track::chains::Series;
 use fixtrail_track::pipeline::{TrackError, track};
 use fixtrail_track::target::{TargetPackets, TargetTrail};
@@ -46,13 +46,22 @@ pub(crate) struct Worker<'a> {
 impl Worker<'_> {
     pub fn job(&self, job: &Job, facts: &Facts<'_>) -> Done {
         let mut done = Done::default();
-        let mut trails = Vec::with_capacity(job.targets.len());
+        let mut sheaf = Ok(Sheaf::of(self.encoder, job.records.len() / facts.shape.width));
+        // One trail after the other, each written while it is at hand.
+        let mut write = |trail: &TargetTrail, totals: &mut Totals| {
+            totals.add_target(trail);
+            if let Ok(open) = &mut sheaf
+                && let Err(error) = open.add(&Piece::whole(trail))
+            {
+                sheaf = Err(error);
+            }
+        };
         for (target, range) in &job.targets {
             let records = &job.records[range.clone()];
             done.totals.packets += (records.len() / facts.shape.width) as u64;
             let has_failed = || self.failed.load(Ordering::Relaxed);
             match self.at_once(facts, *target, records) {
-                Some(Ok(trail)) => trails.push(trail),
+                Some(Ok(trail)) => write(&trail, &mut done.totals),
                 Some(Err(error)) => {
                     done.unsteady.get_or_insert(error);
                 }
@@ -64,7 +73,7 @@ impl Worker<'_> {
                     }
                     let packets = TargetPackets { target: facts.name(*target), packets };
                     match track(self.run.spec, self.run.anchors, &packets, self.run.lagged) {
-                        Ok(trail) => trails.push(trail),
+                        Ok(trail) => write(&trail, &mut done.totals),
                         Err(error) => {
                             done.unsteady.get_or_insert(error);
                         }
@@ -73,9 +82,7 @@ impl Worker<'_> {
             }
         }
         if done.tally.refused.is_none() && done.unsteady.is_none() && !self.failed.load(Ordering::Relaxed) {
-            trails.iter().for_each(|trail| done.totals.add_target(trail));
-            let pieces: Vec<Piece<'_>> = trails.iter().map(Piece::whole).collect();
-            done.encoded = Some(self.encoder.encode(&pieces));
+            done.encoded = Some(sheaf.and_then(Sheaf::encoded));
         }
         done
     }

@@ -65,6 +65,8 @@ pub(crate) struct Lookup {
 
 struct Known {
     name: Box<str>,
+    /// Its first eight bytes, zeros behind a shorter one, and which of them count.
+    start: (u64, u64),
     id: TargetId,
     /// Place of the target that last came after this one.
     next: u32,
@@ -83,6 +85,23 @@ impl Lookup {
         let id = self.id(names, &text);
         self.text = text;
         id
+    }
+
+    /// The number of the last target, and the length of its name, if `text` begins with the name as a cell of its own.
+    #[inline]
+    pub fn leads(&self, text: &[u8]) -> Option<(TargetId, usize)> {
+        let last = self.known.get(self.last as usize)?;
+        let (name, (start, mask)) = (last.name.as_bytes(), last.start);
+        if !matches!(text.get(name.len()), Some(b',' | b'\n')) || name.is_empty() {
+            return None;
+        }
+        // Names are short: one comparison of eight bytes tells.
+        let is_same = match text.first_chunk::<8>() {
+            Some(eight) if u64::from_le_bytes(*eight) & mask != start => false,
+            Some(_) if name.len() <= 8 => true,
+            _ => text.starts_with(name),
+        };
+        is_same.then_some((last.id, name.len()))
     }
 
     /// The number of a target.
@@ -104,7 +123,7 @@ impl Lookup {
             None => {
                 let place = self.known.len() as u32;
                 self.places.insert(name.into(), place);
-                self.known.push(Known { name: name.into(), id: names.id(name), next: place });
+                self.known.push(Known { name: name.into(), start: start(name), id: names.id(name), next: place });
                 place
             }
         };
@@ -114,4 +133,13 @@ impl Lookup {
         self.last = place;
         self.known[place as usize].id
     }
+}
+
+/// The first eight bytes of a name, zeros behind a shorter one, and which of them count.
+fn start(name: &str) -> (u64, u64) {
+    let (mut bytes, mut mask) = ([0; 8], [0; 8]);
+    for ((byte, counts), of_name) in bytes.iter_mut().zip(&mut mask).zip(name.bytes()) {
+        (*byte, *counts) = (of_name, u8::MAX);
+    }
+    (u64::from_le_bytes(bytes), u64::from_le_bytes(mask))
 }

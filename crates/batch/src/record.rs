@@ -192,9 +192,15 @@ impl Shape {
     #[inline]
     pub fn push_plain(&self, target: TargetId, line: u64, t_s: f64, values: &[f64], out: &mut Vec<u64>) {
         debug_assert!(self.is_plain() && values.len() == self.n_values);
-        out.push(head(target, line));
-        out.push(t_s.to_bits());
-        out.extend(values.iter().map(|x| x.to_bits()));
+        let (head, t) = (head(target, line), t_s.to_bits());
+        match values {
+            [x] => out.extend_from_slice(&[head, t, x.to_bits()]),
+            [x, y] => out.extend_from_slice(&[head, t, x.to_bits(), y.to_bits()]),
+            _ => {
+                out.extend_from_slice(&[head, t]);
+                out.extend(values.iter().map(|x| x.to_bits()));
+            }
+        }
     }
 
     /// Whether a record is its head, its time and its values.

@@ -109,6 +109,12 @@ impl<'a> Rows<'a> {
         }
     }
 
+    /// Gives an empty part room that another block has had.
+    pub fn use_room(&mut self, mut words: Vec<u64>) {
+        words.clear();
+        self.block.words = words;
+    }
+
     /// Takes a row of which every cell is what it is in almost every table; whether it was one.
     #[inline]
     fn take_plain<R: Row>(&mut self, line: u64, row: &R) -> bool {
@@ -344,20 +350,26 @@ impl TableSink for Rows<'_> {
         if !is_ready || plain.roles.is_empty() {
             return None;
         }
-        let (mut at, mut t_s, mut name) = (0, 0.0, "");
+        let (mut at, mut t_s, mut name, mut id) = (0, 0.0, "", None);
         let last = plain.roles.len() - 1;
         for (i, role) in plain.roles.iter().enumerate() {
             let rest = &text[at..];
             let length = match role {
-                Role::Target => {
-                    let length = rest.iter().position(|b| matches!(b, b',' | b'\n'))?;
-                    name = std::str::from_utf8(&rest[..length]).ok()?;
-                    // White space around a name is none of it.
-                    if name.is_empty() || name.bytes().any(|b| b <= b' ' || b >= 0x7F) {
-                        return None;
+                Role::Target => match self.lookup.leads(rest) {
+                    Some((same, length)) => {
+                        id = Some(same);
+                        length
                     }
-                    length
-                }
+                    None => {
+                        let length = rest.iter().position(|b| matches!(b, b',' | b'\n'))?;
+                        name = std::str::from_utf8(&rest[..length]).ok()?;
+                        // White space around a name is none of it.
+                        if name.is_empty() || name.bytes().any(|b| b <= b' ' || b >= 0x7F) {
+                            return None;
+                        }
+                        length
+                    }
+                },
                 Role::T | Role::Value(_) => {
                     let (x, length) = leading(rest)?;
                     if x.abs() > LARGEST {
@@ -377,7 +389,10 @@ impl TableSink for Rows<'_> {
             }
             at += 1;
         }
-        let id = self.lookup.id(&self.names, name);
+        let id = match id {
+            Some(id) => id,
+            None => self.lookup.id(&self.names, name),
+        };
         if id as usize >= MOST_TARGETS {
             return None;
         }

@@ -10,12 +10,14 @@ use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-/// Words of a run: 64 MiB.
-const RUN_WORDS: usize = 1 << 23;
-/// Words of all runs that may stay in memory: 96 MiB.
-const KEPT_WORDS: usize = 3 << 22;
+/// Words of a run: 16 MiB.
+const RUN_WORDS: usize = 1 << 21;
+/// Words of all runs that may stay in memory: 64 MiB.
+const KEPT_WORDS: usize = 1 << 23;
 /// Records of a target that may be in memory at once.
 const LONG: usize = 1 << 20;
+/// Rows of a target that have to stand together, on average: the place of each lot is kept.
+const FEWEST_ROWS: u64 = 64;
 /// Words read of a spilled run at a time.
 const PAGE_WORDS: usize = 1 << 16;
 
@@ -28,13 +30,17 @@ pub(crate) struct Room {
     pub kept_words: usize,
     /// Records of a target beyond which its rows are written while it is still tracked.
     pub long: usize,
+    /// Rows of a target that stand together, at least and on average, where they are tracked out of the file itself.
+    pub fewest_rows: u64,
 }
 
 impl Room {
     /// Everything in memory.
-    pub const UNLIMITED: Room = Room { run_words: RUN_WORDS, kept_words: usize::MAX, long: usize::MAX };
+    pub const UNLIMITED: Room =
+        Room { run_words: RUN_WORDS, kept_words: usize::MAX, long: usize::MAX, fewest_rows: FEWEST_ROWS };
     /// What does not fit goes to a file.
-    pub const BOUNDED: Room = Room { run_words: RUN_WORDS, kept_words: KEPT_WORDS, long: LONG };
+    pub const BOUNDED: Room =
+        Room { run_words: RUN_WORDS, kept_words: KEPT_WORDS, long: LONG, fewest_rows: FEWEST_ROWS };
 }
 
 /// A sorted run.
@@ -204,24 +210,28 @@ fn sort(words: &mut Vec<u64>, scratch: &mut Vec<u64>, shape: &Shape, by: &SortBy
         let target = record::target(&words[start..]);
         let count = words[start..].chunks_exact(width).take_while(|r| record::target(r) == target).count();
         let of_target = &mut words[start..start + count * width];
-        let by_k = (by.by_k)(target);
-        let compare = |a: &[u64], b: &[u64]| shape.compare(a, b, by_k, by.rule);
-        let mut rows = of_target.chunks_exact(width);
-        let is_sorted = rows.next().is_none_or(|first| {
-            let mut before = first;
-            rows.all(|r| {
-                let ordered = compare(before, r) != Ordering::Greater;
-                before = r;
-                ordered
-            })
-        });
-        if !is_sorted {
-            let mut order: Vec<&[u64]> = of_target.chunks_exact(width).collect();
-            order.sort_by(|a, b| compare(a, b));
-            let sorted = order.concat();
-            of_target.copy_from_slice(&sorted);
-        }
+        sort_target(of_target, shape, (by.by_k)(target), by.rule);
         start += count * width;
+    }
+}
+
+/// Sorts records of one target as [`Shape::compare`] says; equal ones keep their order.
+pub(crate) fn sort_target(records: &mut [u64], shape: &Shape, by_k: bool, rule: &Rule) {
+    let compare = |a: &[u64], b: &[u64]| shape.compare(a, b, by_k, rule);
+    let mut rows = records.chunks_exact(shape.width);
+    let is_sorted = rows.next().is_none_or(|first| {
+        let mut before = first;
+        rows.all(|r| {
+            let ordered = compare(before, r) != Ordering::Greater;
+            before = r;
+            ordered
+        })
+    });
+    if !is_sorted {
+        let mut order: Vec<&[u64]> = records.chunks_exact(shape.width).collect();
+        order.sort_by(|a, b| compare(a, b));
+        let sorted = order.concat();
+        records.copy_from_slice(&sorted);
     }
 }
 

@@ -2,14 +2,14 @@
 
 use crate::content::AnchorIds;
 use crate::gather::{Facts, Gathered, gather};
+use crate::grouped::track_grouped;
 use crate::input::Input;
+use crate::job::{Done, Job, Worker};
 use crate::names::TargetId;
 use crate::options::{Counts, ReadOptions};
 use crate::ordered::ordered;
-use crate::job::{Done, Job, Worker};
 use crate::settle::{Settler, Tally};
 use crate::store::Room;
-use crate::straight::track_straight;
 use crate::table::TableMeta;
 use crate::totals::Totals;
 use crate::write::{Encoder, GROUP_ROWS, OutFormat, Output, Piece, Sheet, WriteError, WriteOptions, place};
@@ -73,7 +73,7 @@ pub enum FileError {
 /// What a run is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
-    /// Reads the table, and tracks its targets at once where it is in order: bytes.
+    /// Reads the table: bytes.
     Reading,
     /// Tracks targets and writes their trails: records.
     Tracking,
@@ -94,7 +94,7 @@ pub fn track_file(run: &FileRun<'_>, progress: &dyn Fn(Phase, u64, u64)) -> Resu
 
 fn track_within(run: &FileRun<'_>, room: Room, progress: &dyn Fn(Phase, u64, u64)) -> Result<FileOutcome, FileError> {
     let ids = AnchorIds::new(run.anchors);
-    match track_straight(run, &ids, room.long, progress)? {
+    match track_grouped(run, &ids, room, progress)? {
         Some(outcome) => Ok(outcome),
         None => track_sorted(run, &ids, room, progress),
     }

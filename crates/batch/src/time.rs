@@ -24,7 +24,7 @@ impl TimeForm {
     /// The time `t_s` as files write it: a number, or the shortest RFC 3339 text that reads back to the same `t_s`.
     pub fn text(self, t_s: f64) -> String {
         match self {
-            TimeForm::Seconds | TimeForm::Index => ryu::Buffer::new().format_finite(t_s).to_owned(),
+            TimeForm::Seconds | TimeForm::Index => zmij::Buffer::new().format_finite(t_s).to_owned(),
             TimeForm::Rfc3339 { epoch_unix_s, offset_s } => utc_text(unix_ns(t_s, epoch_unix_s), offset_s),
         }
     }

@@ -15,6 +15,10 @@ use clap::{Parser, Subcommand};
 use failure::Failure;
 use std::process::ExitCode;
 
+/// Tables are read and written by several threads in pieces of a megabyte, which the system's allocator fetches anew each time.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 /// Know where things are when the network that tells you is bad.
 #[derive(Parser)]
 #[command(

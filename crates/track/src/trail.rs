@@ -76,7 +76,8 @@ impl Trail {
 
     /// Appends a row with an estimate and without a smoother's half: `mean` of `n` values, `packed` the upper triangle of the covariance, and
     /// the normalised innovation squared with the number of measurements behind it.
-    #[inline]
+    // Where it is called the numbers of states are constants, and copying them is a handful of moves.
+    #[inline(always)]
     pub fn push(&mut self, k: u64, t_s: f64, mean: &[f64], packed: &[f64], status: Status, (nis, dof): (f64, u32)) {
         self.k.push(k);
         self.t_s.push(Some(t_s));

@@ -5,10 +5,11 @@
 
 use super::decimal::decimal;
 use super::lines::{self, Lines};
-use super::{Joiner, PROGRESS_ROWS, Part, Progress, Row, TableSink, in_turn, side_by_side};
+use super::{PROGRESS_ROWS, Part, Progress, Row, TableSink, in_turn};
 use crate::cell::{Cell, clip};
 use crate::columns::Extent;
 use crate::input::Source;
+use crate::ordered::ordered;
 use csv::{ErrorKind, ReaderBuilder, StringRecord, Terminator};
 use fixtrail_track::error::BuildError;
 use memchr::memchr2_iter;
@@ -47,81 +48,90 @@ pub(super) fn read<S: TableSink>(source: Source<'_>, sink: &mut S, progress: Pro
 }
 
 /// Reads the header and every row into parts.
-pub(super) fn read_parts<P: Part, J: Joiner<Block = P::Block>>(
+pub(super) fn read_parts<P: Part>(
     source: Source<'_>,
     mut part: P,
-    joiner: &mut J,
+    threads: usize,
+    join: &mut dyn FnMut(P::Block) -> Result<(), BuildError>,
     progress: Progress<'_>,
-) -> Result<P, J::Error> {
+) -> Result<P, BuildError> {
     let (file, total, done) = (source.file, source.total, source.counter());
     let failed = |e: std::io::Error| BuildError::new(file, None, None, format!("cannot be read: {e}"));
     let mut lines = Lines::new(source.reader);
+    let mut place = Place::default();
     let mut block = lines.next().map_err(failed)?.unwrap_or_default();
-    let Some(Header { names, line, end }) = header(&block) else {
-        return odd_rows(lines.after(block), file, Place::default(), part, joiner, &mut || progress(done.get(), total));
-    };
-    part.columns(&names, Extent::Whole).map_err(|e| at_line(e, line))?;
-    block.drain(..end);
+    if let Some(Header { names, line, end }) = header(&block) {
+        part.columns(&names, Extent::Whole).map_err(|e| at_line(e, line))?;
+        block.drain(..end);
+        place = Place { lines: line, rows: 0, names: Some(names) };
+    }
 
-    let (mut rows, mut odd) = (0, None);
-    let (mut pending, mut first_line) = (Some(block), line + 1);
-    let next = || {
-        let block = match pending.take() {
-            Some(block) => Some(block),
-            None => lines.next().map_err(failed)?,
-        };
-        let Some(block) = block else { return Ok(None) };
-        let from = first_line;
-        first_line += lines::count(&block);
-        match plain_text(block) {
-            Ok(text) => Ok(Some((text, from, done.get()))),
-            Err(block) => {
-                odd = Some((block, from));
-                Ok(None)
+    let mut odd = None;
+    if let Some(names) = &place.names {
+        let (mut pending, mut first_line) = (Some(block), place.lines + 1);
+        let next = || {
+            let block = match pending.take() {
+                Some(block) => Some(block),
+                None => lines.next().map_err(failed)?,
+            };
+            let Some(block) = block else { return Ok(None) };
+            let from = first_line;
+            first_line += lines::count(&block);
+            match plain_text(block) {
+                Ok(text) => Ok(Some((text, from, done.get()))),
+                Err(block) => {
+                    odd = Some((block, from));
+                    Ok(None)
+                }
             }
+        };
+        let work = |part: &mut P, (text, first_line, bytes): (String, u64, u64)| {
+            let (rows, result) = cut_rows(&text, first_line, names.len(), file, part);
+            (part.cut(), rows, result, bytes)
+        };
+        let mut rows = 0;
+        let take = |(block, count, result, bytes): (P::Block, u64, Result<(), BuildError>, u64)| {
+            rows += count;
+            join(block)?;
+            progress(bytes, total);
+            result
+        };
+        ordered(threads, || part.fork(), next, work, take)?;
+        place.rows = rows;
+        match odd {
+            Some((block, from)) => {
+                place.lines = from - 1;
+                odd_rows(lines.after(block), file, place, part, join, &mut || progress(done.get(), total))
+            }
+            None if rows == 0 => Err(no_rows(file)),
+            None => Ok(part),
         }
-    };
-    let parse = |part: &mut P, (text, first_line, bytes): (String, u64, u64)| {
-        let (rows, result) = cut_rows(&text, first_line, names.len(), file, part);
-        (part.cut(), rows, result, bytes)
-    };
-    let settle = |(block, count, result, bytes): (P::Block, u64, Result<(), BuildError>, u64)| {
-        rows += count;
-        progress(bytes, total);
-        (block, result)
-    };
-    side_by_side(&part, next, parse, settle, joiner)?;
-    match odd {
-        Some((block, from)) => {
-            let place = Place { lines: from - 1, rows, names: Some(names) };
-            odd_rows(lines.after(block), file, place, part, joiner, &mut || progress(done.get(), total))
-        }
-        None if rows == 0 => Err(no_rows(file).into()),
-        None => Ok(part),
+    } else {
+        odd_rows(lines.after(block), file, place, part, join, &mut || progress(done.get(), total))
     }
 }
 
-fn odd_rows<P: Part, J: Joiner<Block = P::Block>>(
+fn odd_rows<P: Part>(
     reader: impl Read,
     file: &Path,
     place: Place,
     part: P,
-    joiner: &mut J,
+    join: &mut dyn FnMut(P::Block) -> Result<(), BuildError>,
     progress: &mut dyn FnMut(),
-) -> Result<P, J::Error> {
-    in_turn(part, joiner, |sink| read_rows(reader, file, place, sink, progress))
+) -> Result<P, BuildError> {
+    in_turn(part, join, |sink| read_rows(reader, file, place, sink, progress))
 }
 
 /// A header on a line of its own.
-struct Header {
-    names: Vec<String>,
-    line: u64,
+pub(super) struct Header {
+    pub names: Vec<String>,
+    pub line: u64,
     /// Bytes of the block up to the end of the line.
-    end: usize,
+    pub end: usize,
 }
 
 /// The header at the beginning of a file, if it is one line of several names and complete.
-fn header(block: &[u8]) -> Option<Header> {
+pub(super) fn header(block: &[u8]) -> Option<Header> {
     let mut end = 0;
     for (i, line) in block.split_inclusive(|b| *b == b'\n').enumerate() {
         end += line.len();
@@ -180,7 +190,7 @@ impl Row for Cells<'_> {
 }
 
 /// Reads lines without quotes; returns how many rows there were.
-fn cut_rows<S: TableSink>(
+pub(super) fn cut_rows<S: TableSink>(
     text: &str,
     first_line: u64,
     columns: usize,

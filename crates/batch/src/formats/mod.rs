@@ -1,19 +1,18 @@
 //! Rows of cells out of each file format.
 
+mod alike;
 mod contained;
 mod csv;
 pub(crate) mod decimal;
 mod lines;
 mod ndjson;
 mod parquet;
+pub(crate) mod spans;
 
 use crate::cell::Cell;
 use crate::columns::Extent;
 use crate::input::{Format, Input, Source};
-use crate::ordered::ordered;
 use fixtrail_track::error::BuildError;
-use std::cell::RefCell;
-use std::path::Path;
 
 /// One row, by position among the names last given to [`TableSink::columns`].
 pub(crate) trait Row {
@@ -84,129 +83,52 @@ pub(crate) fn read<S: TableSink>(
     }
 }
 
-/// What the blocks of a table are put together by, in order.
-pub(crate) trait Joiner {
-    /// A part's block.
-    type Block: Send;
-    /// Work of its own that what it has may come to.
-    type Job: Send;
-    /// What comes of a job.
-    type Done: Send;
-    /// Why it does not want to go on.
-    type Error: From<BuildError>;
-
-    /// Takes the next block.
-    fn join(&mut self, block: Self::Block) -> Result<(), Self::Error>;
-
-    /// The next job, if one is ready: jobs are done beside the reading.
-    fn job(&mut self) -> Option<Self::Job>;
-
-    /// Does a job.
-    fn work(job: Self::Job) -> Self::Done;
-
-    /// Takes what came of the next job.
-    fn done(&mut self, done: Self::Done) -> Result<(), Self::Error>;
-}
-
-/// Reads the whole of `input` in parts, side by side where the format allows it, and hands their blocks to `joiner` in order. Returns the sink
-/// that knows the columns of the whole table. Some jobs of the joiner may be left.
-pub(crate) fn read_parts<P: Part, J: Joiner<Block = P::Block>>(
+/// Reads the whole of `input` in parts, side by side where the format allows it, and hands their blocks to `join` in order. Returns the sink
+/// that knows the columns of the whole table.
+pub(crate) fn read_parts<P: Part + Sync>(
     input: &Input,
     format: Option<Format>,
     part: P,
-    joiner: &mut J,
+    join: &mut dyn FnMut(P::Block) -> Result<(), BuildError>,
     progress: Progress<'_>,
-) -> Result<P, J::Error> {
+) -> Result<P, BuildError> {
     let source = Source::open(input, format)?;
+    let threads = rayon::current_num_threads();
     match source.format {
-        Format::Csv => csv::read_parts(source, part, joiner, progress),
-        Format::Ndjson => in_turn(part, joiner, |sink| ndjson::read(source, sink, progress)),
-        Format::Parquet => in_turn(part, joiner, |sink| parquet::read(source, input, sink, progress)),
+        Format::Csv => csv::read_parts(source, part, threads, join, progress),
+        Format::Ndjson => ndjson::read_parts(source, part, threads, join, progress),
+        Format::Parquet => parquet::read_parts(source, input, part, threads, join, progress),
     }
-}
-
-/// Parses the pieces that `next` hands out side by side, the jobs of `joiner` among them. `settle` sees what comes of each piece, in order: the
-/// block that is joined, and whether to go on.
-fn side_by_side<P: Part, I: Send, O: Send, J: Joiner<Block = P::Block>>(
-    part: &P,
-    mut next: impl FnMut() -> Result<Option<I>, BuildError>,
-    parse: impl Fn(&mut P, I) -> O + Sync,
-    mut settle: impl FnMut(O) -> (P::Block, Result<(), BuildError>),
-    joiner: &mut J,
-) -> Result<(), J::Error> {
-    enum Task<P, J> {
-        Piece(P),
-        Job(J),
-    }
-    let joiner = RefCell::new(joiner);
-    let next = || match joiner.borrow_mut().job() {
-        Some(job) => Ok(Some(Task::Job(job))),
-        None => Ok(next()?.map(Task::Piece)),
-    };
-    let work = |part: &mut P, task: Task<I, J::Job>| match task {
-        Task::Piece(piece) => Task::Piece(parse(part, piece)),
-        Task::Job(job) => Task::Job(J::work(job)),
-    };
-    let take = |task: Task<O, J::Done>| match task {
-        Task::Job(done) => joiner.borrow_mut().done(done),
-        Task::Piece(parsed) => {
-            let (block, result) = settle(parsed);
-            joiner.borrow_mut().join(block)?;
-            Ok(result?)
-        }
-    };
-    ordered(rayon::current_num_threads(), || part.fork(), next, work, take)
 }
 
 /// Fills one part after the other.
-fn in_turn<P: Part, J: Joiner<Block = P::Block>>(
+fn in_turn<P: Part>(
     part: P,
-    joiner: &mut J,
-    read: impl FnOnce(&mut InTurn<'_, P, J>) -> Result<(), BuildError>,
-) -> Result<P, J::Error> {
-    let mut sink = InTurn { part, rows: 0, joiner, refused: None };
+    join: &mut dyn FnMut(P::Block) -> Result<(), BuildError>,
+    read: impl FnOnce(&mut InTurn<'_, P>) -> Result<(), BuildError>,
+) -> Result<P, BuildError> {
+    let mut sink = InTurn { part, rows: 0, join };
     let result = read(&mut sink);
-    let InTurn { mut part, joiner, refused, .. } = sink;
-    if let Some(error) = refused {
-        return Err(error);
-    }
-    joiner.join(part.cut())?;
-    result?;
-    Ok(part)
+    let InTurn { mut part, join, .. } = sink;
+    join(part.cut())?;
+    result.map(|()| part)
 }
 
 /// A sink that hands on what it has every so many rows.
-struct InTurn<'a, P: Part, J: Joiner> {
+struct InTurn<'a, P: Part> {
     part: P,
     rows: u64,
-    joiner: &'a mut J,
-    /// Why the joiner does not want to go on.
-    refused: Option<J::Error>,
+    join: &'a mut dyn FnMut(P::Block) -> Result<(), BuildError>,
 }
 
-impl<P: Part, J: Joiner<Block = P::Block>> InTurn<'_, P, J> {
+impl<P: Part> InTurn<'_, P> {
     fn count(&mut self) -> Result<(), BuildError> {
         self.rows += 1;
-        if !self.rows.is_multiple_of(PROGRESS_ROWS) {
-            return Ok(());
-        }
-        self.hand_on().map_err(|error| {
-            self.refused = Some(error);
-            // Ends the reading; the error that counts is the joiner's.
-            BuildError::new(Path::new(""), None, None, "is not read to its end")
-        })
-    }
-
-    fn hand_on(&mut self) -> Result<(), J::Error> {
-        self.joiner.join(self.part.cut())?;
-        while let Some(job) = self.joiner.job() {
-            self.joiner.done(J::work(job))?;
-        }
-        Ok(())
+        if self.rows.is_multiple_of(PROGRESS_ROWS) { (self.join)(self.part.cut()) } else { Ok(()) }
     }
 }
 
-impl<P: Part, J: Joiner<Block = P::Block>> TableSink for InTurn<'_, P, J> {
+impl<P: Part> TableSink for InTurn<'_, P> {
     fn columns(&mut self, names: &[String], extent: Extent) -> Result<Vec<bool>, BuildError> {
         self.part.columns(names, extent)
     }

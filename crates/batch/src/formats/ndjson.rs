@@ -1,22 +1,36 @@
 //! One JSON object per line.
 
-use super::{PROGRESS_ROWS, Progress, Row, TableSink};
+use super::alike::{Cells, Pattern};
+use super::lines::{self, Lines};
+use super::{Part, Progress, Row, TableSink};
 use crate::cell::{Cell, clip};
 use crate::columns::Extent;
 use crate::input::Source;
+use crate::ordered::ordered;
 use fixtrail_track::error::BuildError;
+use memchr::memchr;
 use serde_core::de::{DeserializeSeed, Deserializer, MapAccess, SeqAccess, Visitor};
 use std::borrow::Cow;
+use std::cell::RefCell;
 use std::collections::HashMap;
-use std::fmt;
+use std::path::Path;
+use std::sync::Arc;
+use std::{fmt, io};
 
 /// The keys seen so far and the cells of the current row, by position of the key.
 #[derive(Default)]
-struct Keys {
+pub(super) struct Keys {
     names: Vec<String>,
     positions: HashMap<String, usize>,
     cells: Vec<Option<Cell<'static>>>,
+    /// What lines have looked like of late.
+    pattern: Option<Pattern>,
+    /// Lines since one looked like it.
+    misses: u32,
 }
+
+/// Lines that look otherwise before another pattern is tried.
+const MOST_MISSES: u32 = 16;
 
 impl Row for Keys {
     fn cell(&self, column: usize) -> Cell<'_> {
@@ -51,56 +65,173 @@ impl Row for Keys {
 }
 
 /// Reads every line.
-pub(super) fn read<S: TableSink>(
-    mut source: Source<'_>,
-    sink: &mut S,
-    progress: Progress<'_>,
-) -> Result<(), BuildError> {
-    let file = source.file;
-    let mut keys = Keys::default();
-    let mut text = Vec::new();
-    let (mut line, mut rows) = (0_u64, 0_u64);
-    loop {
-        text.clear();
-        let n = source
-            .reader
-            .read_until(b'\n', &mut text)
-            .map_err(|e| BuildError::new(file, Some(line + 1), None, format!("cannot be read: {e}")))?;
-        if n == 0 {
-            break;
-        }
-        line += 1;
-        let bytes = if line == 1 { text.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(&text) } else { &text };
-        if bytes.trim_ascii().is_empty() {
-            continue;
-        }
-        rows += 1;
-        let known = keys.names.len();
-        match parse_line(bytes, &mut keys) {
-            Ok(()) => {
-                if keys.names.len() > known {
-                    sink.columns(&keys.names, Extent::SoFar).map_err(|mut e| {
-                        e.place.line = Some(line);
-                        e
-                    })?;
-                }
-                sink.row(line, &keys)?;
-            }
-            Err(what) => {
-                keys.forget(known);
-                sink.malformed(BuildError::new(file, Some(line), None, what))?;
-            }
-        }
-        if rows.is_multiple_of(PROGRESS_ROWS) {
-            progress(source.bytes_done(), source.total);
-        }
+pub(super) fn read<S: TableSink>(source: Source<'_>, sink: &mut S, progress: Progress<'_>) -> Result<(), BuildError> {
+    let (file, total, done) = (source.file, source.total, source.counter());
+    let mut lines = Lines::new(source.reader);
+    let (mut keys, mut first_line, mut rows) = (Keys::default(), 1, 0);
+    while let Some(block) = lines.next().map_err(|e| failed(file, &e))? {
+        let parsed = parse(&block, (file, first_line), &mut keys, NewKey::Told, sink);
+        parsed.refused.map_or(Ok(()), Err)?;
+        rows += parsed.rows;
+        first_line += lines::count(&block);
+        progress(done.get(), total);
     }
+    end(file, rows, &keys, sink)
+}
+
+/// What all who read a part know of the table.
+struct Known<P> {
+    keys: Keys,
+    part: P,
+}
+
+/// A block of lines on its way.
+struct Piece<P> {
+    block: Vec<u8>,
+    first_line: u64,
+    /// What was known when it set out.
+    known: Arc<Known<P>>,
+    /// Bytes read so far.
+    bytes: u64,
+}
+
+/// Reads every line into parts.
+///
+/// What a row says may depend on the keys before it. So a block that has a new key is read again in its turn, and so are those that set out
+/// before the key was known.
+pub(super) fn read_parts<P: Part + Sync>(
+    source: Source<'_>,
+    mut part: P,
+    threads: usize,
+    join: &mut dyn FnMut(P::Block) -> Result<(), BuildError>,
+    progress: Progress<'_>,
+) -> Result<P, BuildError> {
+    let (file, total, done) = (source.file, source.total, source.counter());
+    let mut lines = Lines::new(source.reader);
+    let (mut keys, mut first, mut rows) = (Keys::default(), 1, 0);
+    let newest = RefCell::new(Arc::new(Known { keys: keys.fork(), part: part.fork() }));
+    let next = || {
+        let Some(block) = lines.next().map_err(|e| failed(file, &e))? else { return Ok(None) };
+        let first_line = first;
+        first += lines::count(&block);
+        Ok(Some(Piece { block, first_line, known: newest.borrow().clone(), bytes: done.get() }))
+    };
+    let work = |kept: &mut Option<(Arc<Known<P>>, Keys, P)>, piece: Piece<P>| {
+        if let Some((known, ..)) = kept
+            && !Arc::ptr_eq(known, &piece.known)
+        {
+            *kept = None;
+        }
+        let fork = || (piece.known.clone(), piece.known.keys.fork(), piece.known.part.fork());
+        let (_, keys, part) = kept.get_or_insert_with(fork);
+        let parsed = parse(&piece.block, (file, piece.first_line), keys, NewKey::Stops, part);
+        let block = part.cut();
+        (piece, block, parsed)
+    };
+    let take = |(piece, mut block, mut parsed): (Piece<P>, P::Block, Parsed)| {
+        let mut newest = newest.borrow_mut();
+        if parsed.has_new_key || !Arc::ptr_eq(&newest, &piece.known) {
+            let known = keys.names.len();
+            parsed = parse(&piece.block, (file, piece.first_line), &mut keys, NewKey::Told, &mut part);
+            block = part.cut();
+            if keys.names.len() > known {
+                *newest = Arc::new(Known { keys: keys.fork(), part: part.fork() });
+            }
+        }
+        rows += parsed.rows;
+        join(block)?;
+        progress(piece.bytes, total);
+        parsed.refused.map_or(Ok(()), Err)
+    };
+    ordered(threads, || None, next, work, take)?;
+    end(file, rows, &keys, &mut part)?;
+    Ok(part)
+}
+
+/// The whole table has been read.
+fn end<S: TableSink>(file: &Path, rows: u64, keys: &Keys, sink: &mut S) -> Result<(), BuildError> {
     if rows == 0 {
         return Err(BuildError::new(file, None, None, "has no rows, expected one JSON object per line"));
     }
-    sink.columns(&keys.names, Extent::Whole)?;
-    progress(source.bytes_done(), source.total);
-    Ok(())
+    sink.columns(&keys.names, Extent::Whole).map(drop)
+}
+
+fn failed(file: &Path, error: &io::Error) -> BuildError {
+    BuildError::new(file, None, None, format!("cannot be read: {error}"))
+}
+
+/// What to do about a key that was not there before.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum NewKey {
+    /// The sink is told.
+    Told,
+    /// Nothing more is read.
+    Stops,
+}
+
+/// What came of a block.
+#[derive(Default)]
+struct Parsed {
+    rows: u64,
+    /// Why reading ended early.
+    refused: Option<BuildError>,
+    has_new_key: bool,
+}
+
+/// Reads the lines of a block.
+fn parse<S: TableSink>(
+    block: &[u8],
+    (file, first_line): (&Path, u64),
+    keys: &mut Keys,
+    new_key: NewKey,
+    sink: &mut S,
+) -> Parsed {
+    let text = std::str::from_utf8(block).ok();
+    let (mut parsed, mut alike, mut start) = (Parsed::default(), Cells::default(), 0);
+    for line in first_line.. {
+        if start >= block.len() {
+            break;
+        }
+        let end = memchr(b'\n', &block[start..]).map_or(block.len(), |end| start + end);
+        let (bytes, shown) = (&block[start..end], text.map(|text| &text[start..end]));
+        start = end + 1;
+        if let (Some(text), Some(pattern)) = (shown, &keys.pattern)
+            && pattern.cells(text, &mut alike)
+        {
+            keys.misses = 0;
+            parsed.rows += 1;
+            parsed.refused = sink.row(line, &alike).err();
+        } else {
+            let bytes = if line == 1 { bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes) } else { bytes };
+            if bytes.trim_ascii().is_empty() {
+                continue;
+            }
+            parsed.rows += 1;
+            let known = keys.names.len();
+            let read = parse_line(bytes, keys);
+            let has_new_key = read.is_ok() && keys.names.len() > known;
+            if has_new_key && new_key == NewKey::Stops {
+                keys.forget(known);
+                parsed.has_new_key = true;
+                return parsed;
+            }
+            let result = match read {
+                Ok(()) => {
+                    keys.look(shown, has_new_key);
+                    keys.tell(has_new_key, line, sink).and_then(|()| sink.row(line, keys))
+                }
+                Err(what) => {
+                    keys.forget(known);
+                    sink.malformed(BuildError::new(file, Some(line), None, what))
+                }
+            };
+            parsed.refused = result.err();
+        }
+        if parsed.refused.is_some() {
+            break;
+        }
+    }
+    parsed
 }
 
 fn parse_line(bytes: &[u8], keys: &mut Keys) -> Result<(), String> {
@@ -116,7 +247,72 @@ fn parse_line(bytes: &[u8], keys: &mut Keys) -> Result<(), String> {
     })
 }
 
+/// Reads lines whose keys are known.
+///
+/// # Errors
+/// [`BuildError`] from `sink`, and where a line has another key.
+pub(super) fn read_span<S: TableSink>(
+    block: &[u8],
+    (file, first_line): (&Path, u64),
+    keys: &mut Keys,
+    sink: &mut S,
+) -> Result<(), BuildError> {
+    match parse(block, (file, first_line), keys, NewKey::Stops, sink) {
+        Parsed { has_new_key: true, .. } => {
+            Err(BuildError::new(file, None, None, "has a key that its first row has not"))
+        }
+        parsed => parsed.refused.map_or(Ok(()), Err),
+    }
+}
+
 impl Keys {
+    /// The keys of the first line of a block, if it is an object.
+    pub fn of_first(block: &[u8]) -> Option<Keys> {
+        let mut keys = Keys::default();
+        let line = block.split(|b| *b == b'\n').next()?;
+        parse_line(line, &mut keys).ok()?;
+        Some(keys)
+    }
+
+    /// The keys, by position.
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// The same keys for another reader.
+    pub fn fork(&self) -> Keys {
+        Keys {
+            names: self.names.clone(),
+            positions: self.positions.clone(),
+            cells: vec![None; self.names.len()],
+            ..Keys::default()
+        }
+    }
+
+    /// Tells a sink of new keys.
+    fn tell<S: TableSink>(&self, has_new_key: bool, line: u64, sink: &mut S) -> Result<(), BuildError> {
+        if !has_new_key {
+            return Ok(());
+        }
+        sink.columns(&self.names, Extent::SoFar).map(drop).map_err(|mut e| {
+            e.place.line = Some(line);
+            e
+        })
+    }
+
+    /// Looks at a line that was not alike for a pattern of those to come.
+    fn look(&mut self, line: Option<&str>, has_new_key: bool) {
+        self.misses += 1;
+        if has_new_key || self.misses > MOST_MISSES {
+            self.pattern = None;
+        }
+        if self.pattern.is_none() {
+            self.misses = 0;
+            let place = |key: &str| self.positions.get(key).copied();
+            self.pattern = line.and_then(|line| Pattern::of(line, self.names.len(), place));
+        }
+    }
+
     fn position(&mut self, key: &str) -> usize {
         if let Some(i) = self.positions.get(key) {
             return *i;

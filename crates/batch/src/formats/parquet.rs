@@ -1,10 +1,11 @@
 //! Flat columns of a Parquet file, read some thousand rows at a time.
 
 use super::contained::contained;
-use super::{PROGRESS_ROWS, Progress, Row, TableSink};
+use super::{PROGRESS_ROWS, Part, Progress, Row, TableSink};
 use crate::cell::Cell;
 use crate::columns::Extent;
 use crate::input::{Input, Source};
+use crate::ordered::ordered;
 use bytes::Bytes;
 use fixtrail_track::error::BuildError;
 use parquet::basic::{ConvertedType, LogicalType, TimeUnit, TimestampType};
@@ -22,71 +23,174 @@ const BATCH: usize = PROGRESS_ROWS as usize;
 
 /// Reads every row group. A regular file is read in place, anything else is held in memory.
 pub(super) fn read<S: TableSink>(
-    mut source: Source<'_>,
+    source: Source<'_>,
     input: &Input,
     sink: &mut S,
     progress: Progress<'_>,
 ) -> Result<(), BuildError> {
-    let file = source.file;
-    let failed = |e: std::io::Error| BuildError::new(file, None, None, format!("cannot be read: {e}"));
-    match input {
-        Input::File(path) if source.total > 0 => {
-            let file_bytes = File::open(path).map_err(failed)?;
-            let open = contained(|| SerializedFileReader::new(file_bytes));
-            read_rows(file, &open.map_err(|e| damaged(file, None, &e))?, source.total, sink, progress)
-        }
-        _ => {
-            let mut all = Vec::new();
-            source.reader.read_to_end(&mut all).map_err(failed)?;
-            let total = all.len() as u64;
-            let open = contained(|| SerializedFileReader::new(Bytes::from(all)));
-            read_rows(file, &open.map_err(|e| damaged(file, None, &e))?, total, sink, progress)
-        }
+    let table = Table::open(source, input)?;
+    let wanted = table.columns(sink)?;
+    let reader = table.reader()?;
+    for group in table.groups()? {
+        table.group(&*reader, &wanted, &group, sink)?;
+        progress(table.done(&group), table.total);
     }
+    Ok(())
+}
+
+/// Reads every row group into parts.
+pub(super) fn read_parts<P: Part>(
+    source: Source<'_>,
+    input: &Input,
+    mut part: P,
+    threads: usize,
+    join: &mut dyn FnMut(P::Block) -> Result<(), BuildError>,
+    progress: Progress<'_>,
+) -> Result<P, BuildError> {
+    let table = Table::open(source, input)?;
+    let wanted = table.columns(&mut part)?;
+    let mut groups = table.groups()?.into_iter();
+    // Where a reader stands in its file is its own.
+    let worker = || (part.fork(), None);
+    let work = |(part, reader): &mut (P, Option<Reader>), group: Group| {
+        let result = match reader {
+            Some(reader) => table.group(&**reader, &wanted, &group, part),
+            None => table.reader().and_then(|opened| table.group(&**reader.insert(opened), &wanted, &group, part)),
+        };
+        (part.cut(), result, table.done(&group))
+    };
+    let take = |(block, result, done): (P::Block, Result<(), BuildError>, u64)| {
+        join(block)?;
+        progress(done, table.total);
+        result
+    };
+    ordered(threads, worker, || Ok(groups.next()), work, take)?;
+    Ok(part)
 }
 
 fn damaged(file: &Path, line: Option<u64>, error: &ParquetError) -> BuildError {
     BuildError::new(file, line, None, format!("is no complete Parquet file, expected one: {error}"))
 }
 
-fn read_rows<S: TableSink>(
-    file: &Path,
-    table: &dyn FileReader,
+/// Reads one file.
+type Reader = Box<dyn FileReader>;
+
+/// A Parquet file.
+struct Table<'a> {
+    file: &'a Path,
+    place: Place<'a>,
+    /// Its size in bytes.
     total: u64,
-    sink: &mut S,
-    progress: Progress<'_>,
-) -> Result<(), BuildError> {
-    let schema = table.metadata().file_metadata().schema_descr_ptr();
-    // A nested column keeps its dotted path, a name that nobody asks for.
-    let names: Vec<String> = schema.columns().iter().map(|c| c.path().string()).collect();
-    let wanted = sink.columns(&names, Extent::Whole)?;
-    if let Some(i) = (0..names.len()).find(|&i| wanted[i] && schema.column(i).max_rep_level() > 0) {
-        return Err(BuildError::new(file, None, Some(&names[i]), "is a repeated column, expected one value per row"));
+}
+
+/// Where its bytes are.
+enum Place<'a> {
+    File(&'a Path),
+    Memory(Bytes),
+}
+
+/// A row group: its number among how many, the rows before it and in it.
+struct Group {
+    number: usize,
+    of: usize,
+    before: u64,
+    rows: usize,
+}
+
+impl<'a> Table<'a> {
+    fn open(mut source: Source<'a>, input: &'a Input) -> Result<Table<'a>, BuildError> {
+        let file = source.file;
+        match input {
+            Input::File(path) if source.total > 0 => Ok(Table { file, place: Place::File(path), total: source.total }),
+            _ => {
+                let mut all = Vec::new();
+                let read = source.reader.read_to_end(&mut all);
+                read.map_err(|e| BuildError::new(file, None, None, format!("cannot be read: {e}")))?;
+                Ok(Table { file, total: all.len() as u64, place: Place::Memory(Bytes::from(all)) })
+            }
+        }
     }
 
-    let mut line = 0_u64;
-    for g in 0..table.num_row_groups() {
-        let group = contained(|| table.get_row_group(g)).map_err(|e| damaged(file, Some(line + 1), &e))?;
-        let rows = usize::try_from(group.metadata().num_rows()).unwrap_or(0);
+    fn reader(&self) -> Result<Reader, BuildError> {
+        let failed = |e: std::io::Error| BuildError::new(self.file, None, None, format!("cannot be read: {e}"));
+        let open = match &self.place {
+            Place::File(path) => {
+                let file = File::open(path).map_err(failed)?;
+                contained(|| SerializedFileReader::new(file)).map(|reader| Box::new(reader) as Reader)
+            }
+            Place::Memory(bytes) => {
+                contained(|| SerializedFileReader::new(bytes.clone())).map(|reader| Box::new(reader) as Reader)
+            }
+        };
+        open.map_err(|e| damaged(self.file, None, &e))
+    }
+
+    /// Tells a sink of the columns; returns which of them it wants.
+    fn columns<S: TableSink>(&self, sink: &mut S) -> Result<Vec<bool>, BuildError> {
+        let schema = self.reader()?.metadata().file_metadata().schema_descr_ptr();
+        // A nested column keeps its dotted path, a name that nobody asks for.
+        let names: Vec<String> = schema.columns().iter().map(|c| c.path().string()).collect();
+        let wanted = sink.columns(&names, Extent::Whole)?;
+        match (0..names.len()).find(|&i| wanted[i] && schema.column(i).max_rep_level() > 0) {
+            Some(i) => {
+                let what = "is a repeated column, expected one value per row";
+                Err(BuildError::new(self.file, None, Some(&names[i]), what))
+            }
+            None => Ok(wanted),
+        }
+    }
+
+    /// The row groups; one has a row at least.
+    fn groups(&self) -> Result<Vec<Group>, BuildError> {
+        let reader = self.reader()?;
+        let (mut before, mut groups) = (0, Vec::new());
+        let of = reader.num_row_groups();
+        for (number, group) in reader.metadata().row_groups().iter().enumerate() {
+            let rows = usize::try_from(group.num_rows()).unwrap_or(0);
+            groups.push(Group { number, of, before, rows });
+            before += rows as u64;
+        }
+        match before {
+            0 => Err(BuildError::new(self.file, None, None, "has columns but no rows, expected at least one")),
+            _ => Ok(groups),
+        }
+    }
+
+    /// Bytes that have been read after a group, about.
+    fn done(&self, group: &Group) -> u64 {
+        (self.total as f64 * (group.number as f64 + 1.0) / group.of as f64) as u64
+    }
+
+    /// Reads the rows of a group.
+    fn group<S: TableSink>(
+        &self,
+        table: &dyn FileReader,
+        wanted: &[bool],
+        group: &Group,
+        sink: &mut S,
+    ) -> Result<(), BuildError> {
+        let schema = table.metadata().file_metadata().schema_descr_ptr();
+        let mut line = group.before;
+        let damaged = |line: u64, e: &ParquetError| damaged(self.file, Some(line + 1), e);
+        let columns = contained(|| table.get_row_group(group.number)).map_err(|e| damaged(line, &e))?;
         let mut batch = Batch { columns: Vec::new(), row: 0 };
         for (i, wanted) in wanted.iter().enumerate() {
             batch.columns.push(match wanted {
                 false => None,
                 true => {
-                    let reader =
-                        contained(|| group.get_column_reader(i)).map_err(|e| damaged(file, Some(line + 1), &e))?;
+                    let reader = contained(|| columns.get_column_reader(i)).map_err(|e| damaged(line, &e))?;
                     Some(Column::new(reader, &schema.column(i)))
                 }
             });
         }
-        let mut left = rows;
+        let mut left = group.rows;
         while left > 0 {
             let size = left.min(BATCH);
             for column in batch.columns.iter_mut().flatten() {
-                let read = contained(|| column.load(size)).map_err(|e| damaged(file, Some(line + 1), &e))?;
+                let read = contained(|| column.load(size)).map_err(|e| damaged(line, &e))?;
                 if read != size {
                     let error = ParquetError::General(format!("a column holds {read} values where {size} belong"));
-                    return Err(damaged(file, Some(line + 1), &error));
+                    return Err(damaged(line, &error));
                 }
             }
             for row in 0..size {
@@ -95,14 +199,9 @@ fn read_rows<S: TableSink>(
                 sink.row(line, &batch)?;
             }
             left -= size;
-            let share = (g as f64 + 1.0 - left as f64 / rows as f64) / table.num_row_groups() as f64;
-            progress((total as f64 * share) as u64, total);
         }
+        Ok(())
     }
-    if line == 0 {
-        return Err(BuildError::new(file, None, None, "has columns but no rows, expected at least one"));
-    }
-    Ok(())
 }
 
 /// The current rows of all wanted columns.

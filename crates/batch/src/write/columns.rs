@@ -158,6 +158,11 @@ impl Columns {
         }
     }
 
+    /// Whether the instants of a row are numbers as the trail has them.
+    pub fn is_in_seconds(&self) -> bool {
+        self.meta.time == TimeForm::Seconds
+    }
+
     /// Puts the cells of a row into `cells`, in the order of the columns.
     pub fn fill<'a>(
         &self,

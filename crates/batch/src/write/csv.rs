@@ -4,26 +4,21 @@ use super::columns::OutCell;
 use super::{Encoder, Piece, WriteError};
 use crate::time;
 
-pub(super) fn encode(encoder: &Encoder<'_>, pieces: &[Piece<'_>]) -> Result<Vec<u8>, WriteError> {
-    let (mut out, mut float) = (Vec::new(), ryu::Buffer::new());
-    let offset_s = encoder.offset_s();
-    encoder.rows(pieces, |cells| {
-        write_cells(&mut out, cells, &mut float, offset_s);
-        Ok(())
-    })?;
-    Ok(out)
+pub(super) fn append(encoder: &Encoder<'_>, piece: &Piece<'_>, out: &mut Vec<u8>) -> Result<(), WriteError> {
+    let (mut float, offset_s) = (zmij::Buffer::new(), encoder.offset_s());
+    encoder.rows(piece, |cells| write_cells(out, cells, &mut float, offset_s))
 }
 
 /// The line of column names.
 pub(super) fn header(names: &[String]) -> Vec<u8> {
     let cells: Vec<OutCell<'_>> = names.iter().map(|name| OutCell::Text(name)).collect();
     let mut out = Vec::new();
-    write_cells(&mut out, &cells, &mut ryu::Buffer::new(), 0);
+    write_cells(&mut out, &cells, &mut zmij::Buffer::new(), 0);
     out
 }
 
 /// Appends one row.
-pub(super) fn write_cells(out: &mut Vec<u8>, cells: &[OutCell<'_>], float: &mut ryu::Buffer, offset_s: i32) {
+pub(super) fn write_cells(out: &mut Vec<u8>, cells: &[OutCell<'_>], float: &mut zmij::Buffer, offset_s: i32) {
     for (i, cell) in cells.iter().enumerate() {
         if i > 0 {
             out.push(b',');

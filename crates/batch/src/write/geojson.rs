@@ -14,13 +14,10 @@ pub(super) const FOOT: &[u8] = b"\n]}\n";
 
 /// One feature per target, a comma before each. The arrays `times`, `sd` and `status` have one entry per position, in order; a lone position
 /// between breaks stands twice, for a line needs two.
-pub(super) fn encode(encoder: &Encoder<'_>, pieces: &[Piece<'_>]) -> Result<Vec<u8>, WriteError> {
-    let mut out = Vec::new();
-    for piece in pieces {
-        out.extend_from_slice(b",\n");
-        out.extend_from_slice(feature(encoder, piece.target)?.as_bytes());
-    }
-    Ok(out)
+pub(super) fn append(encoder: &Encoder<'_>, piece: &Piece<'_>, out: &mut Vec<u8>) -> Result<(), WriteError> {
+    out.extend_from_slice(b",\n");
+    out.extend_from_slice(feature(encoder, piece.target)?.as_bytes());
+    Ok(())
 }
 
 fn feature(encoder: &Encoder<'_>, target: &TargetTrail) -> Result<String, WriteError> {

@@ -285,12 +285,9 @@ impl<'a> Encoder<'a> {
     /// # Errors
     /// [`WriteError::NotFinite`].
     pub fn encode(&self, pieces: &[Piece<'_>]) -> Result<Encoded, WriteError> {
-        Ok(match self.format {
-            OutFormat::Csv => Encoded::Text(csv::encode(self, pieces)?),
-            OutFormat::Ndjson => Encoded::Text(ndjson::encode(self, pieces)?),
-            OutFormat::GeoJson => Encoded::Text(geojson::encode(self, pieces)?),
-            OutFormat::Parquet => Encoded::Group(parquet::encode(self, pieces)?),
-        })
+        let mut sheaf = Sheaf::of(self, pieces.iter().map(|piece| piece.rows.len()).sum());
+        pieces.iter().try_for_each(|piece| sheaf.add(piece))?;
+        sheaf.encoded()
     }
 
     /// An error of the system on this output.
@@ -299,17 +296,11 @@ impl<'a> Encoder<'a> {
     }
 
     /// Calls `take` with the cells of each row.
-    fn rows(
-        &self,
-        pieces: &[Piece<'_>],
-        mut take: impl FnMut(&[OutCell<'_>]) -> Result<(), WriteError>,
-    ) -> Result<(), WriteError> {
+    fn rows(&self, piece: &Piece<'_>, mut take: impl FnMut(&[OutCell<'_>])) -> Result<(), WriteError> {
         let mut cells = Vec::with_capacity(self.columns.list.len());
-        for piece in pieces {
-            for row in piece.rows.clone() {
-                self.columns.fill(self.file, piece.target, row, &mut cells)?;
-                take(&cells)?;
-            }
+        for row in piece.rows.clone() {
+            self.columns.fill(self.file, piece.target, row, &mut cells)?;
+            take(&cells);
         }
         Ok(())
     }
@@ -319,6 +310,57 @@ impl<'a> Encoder<'a> {
         match self.meta.time {
             TimeForm::Rfc3339 { offset_s, .. } => offset_s,
             TimeForm::Seconds | TimeForm::Index => 0,
+        }
+    }
+}
+
+/// Rows that become a part of an output, piece by piece.
+pub(crate) struct Sheaf<'e> {
+    encoder: &'e Encoder<'e>,
+    rows: Rows,
+}
+
+enum Rows {
+    Text(Vec<u8>),
+    Columns(Vec<parquet::Buffer>),
+}
+
+impl<'e> Sheaf<'e> {
+    /// No rows yet; room for about so many.
+    pub fn of(encoder: &'e Encoder<'e>, rows: usize) -> Sheaf<'e> {
+        let rows = match &encoder.parquet {
+            Some(form) => Rows::Columns(form.buffers(rows)),
+            None => Rows::Text(Vec::new()),
+        };
+        Sheaf { encoder, rows }
+    }
+
+    /// Appends rows.
+    ///
+    /// # Errors
+    /// [`WriteError::NotFinite`]; the sheaf is of no use any more.
+    pub fn add(&mut self, piece: &Piece<'_>) -> Result<(), WriteError> {
+        match &mut self.rows {
+            Rows::Columns(buffers) => parquet::append(self.encoder, piece, buffers),
+            Rows::Text(out) => match self.encoder.format {
+                OutFormat::GeoJson => geojson::append(self.encoder, piece, out),
+                OutFormat::Ndjson => ndjson::append(self.encoder, piece, out),
+                OutFormat::Csv | OutFormat::Parquet => csv::append(self.encoder, piece, out),
+            },
+        }
+    }
+
+    /// The rows as they stand in the output.
+    ///
+    /// # Errors
+    /// [`WriteError`].
+    pub fn encoded(self) -> Result<Encoded, WriteError> {
+        match (self.rows, &self.encoder.parquet) {
+            (Rows::Columns(buffers), Some(form)) => {
+                Ok(Encoded::Group(form.group(buffers).map_err(|e| self.encoder.io(parquet::into_io(e)))?))
+            }
+            (Rows::Columns(_), None) => Err(self.encoder.io(io::Error::other("a Parquet file without a schema"))),
+            (Rows::Text(bytes), _) => Ok(Encoded::Text(bytes)),
         }
     }
 }

@@ -4,18 +4,15 @@ use super::columns::OutCell;
 use super::{Encoder, Piece, WriteError};
 use crate::time;
 
-pub(super) fn encode(encoder: &Encoder<'_>, pieces: &[Piece<'_>]) -> Result<Vec<u8>, WriteError> {
+pub(super) fn append(encoder: &Encoder<'_>, piece: &Piece<'_>, out: &mut Vec<u8>) -> Result<(), WriteError> {
     let (keys, offset_s) = (keys(&encoder.columns.names()), encoder.offset_s());
-    let mut out = Vec::new();
-    encoder.rows(pieces, |cells| {
+    encoder.rows(piece, |cells| {
         for (key, cell) in keys.iter().zip(cells) {
             out.extend_from_slice(key.as_bytes());
-            write_cell(&mut out, cell, offset_s);
+            write_cell(out, cell, offset_s);
         }
         out.extend_from_slice(b"}\n");
-        Ok(())
-    })?;
-    Ok(out)
+    })
 }
 
 /// `{"target":`, `,"t":`, …
@@ -27,7 +24,7 @@ pub(super) fn keys(names: &[String]) -> Vec<String> {
 pub(super) fn write_cell(out: &mut Vec<u8>, cell: &OutCell<'_>, offset_s: i32) {
     match cell {
         OutCell::Absent => out.extend_from_slice(b"null"),
-        OutCell::Float(x) => out.extend_from_slice(ryu::Buffer::new().format_finite(*x).as_bytes()),
+        OutCell::Float(x) => out.extend_from_slice(zmij::Buffer::new().format_finite(*x).as_bytes()),
         OutCell::Index(k) => out.extend_from_slice(k.to_string().as_bytes()),
         OutCell::Text(text) => out.extend_from_slice(json_text(text).as_bytes()),
         OutCell::Date(ns) => {

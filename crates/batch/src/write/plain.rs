@@ -77,7 +77,7 @@ fn cells(row: &[Cell]) -> Vec<OutCell<'_>> {
 
 fn as_csv(table: &Plain, to: To<'_>) -> io::Result<()> {
     to.write_all(&csv::header(&names(table)))?;
-    let mut float = ryu::Buffer::new();
+    let mut float = zmij::Buffer::new();
     for row in &table.rows {
         let mut line = Vec::new();
         csv::write_cells(&mut line, &cells(row), &mut float, 0);

@@ -7,7 +7,7 @@ use super::{Encoder, Piece, To, WriteError};
 use crate::table::TableMeta;
 use bytes::Bytes;
 use fixtrail_track::trail::Trail;
-use pages::Buffer;
+pub(super) use pages::Buffer;
 use parquet::column::writer::ColumnCloseResult;
 use parquet::errors::ParquetError;
 use parquet::file::metadata::KeyValue;
@@ -60,19 +60,20 @@ impl Form {
         Ok(Form { schema, descriptor, properties: Arc::new(properties.build()), kinds: kinds.to_vec() })
     }
 
-    /// Encodes columns of `rows` rows.
-    fn group(&self, rows: usize, mut fill: impl FnMut(usize, &mut Buffer)) -> Result<Group, ParquetError> {
-        let mut columns = Vec::with_capacity(self.kinds.len());
-        for (i, kind) in self.kinds.iter().enumerate() {
-            let mut buffer = match kind {
-                ColumnKind::Float => Buffer::floats(rows),
-                ColumnKind::Index | ColumnKind::Date => Buffer::ints(rows),
-                ColumnKind::Text => Buffer::texts(),
-            };
-            fill(i, &mut buffer);
-            columns.push(buffer.chunk(self.descriptor.column(i))?);
-        }
-        Ok(Group { columns })
+    /// An empty buffer for each column, with room for about so many rows.
+    pub fn buffers(&self, rows: usize) -> Vec<Buffer> {
+        let buffer = |kind: &ColumnKind| match kind {
+            ColumnKind::Float => Buffer::floats(rows),
+            ColumnKind::Index | ColumnKind::Date => Buffer::ints(),
+            ColumnKind::Text => Buffer::texts(),
+        };
+        self.kinds.iter().map(buffer).collect()
+    }
+
+    /// Encodes what the buffers hold.
+    pub fn group(&self, buffers: Vec<Buffer>) -> Result<Group, ParquetError> {
+        let chunk = |(i, buffer): (usize, Buffer)| buffer.chunk(self.descriptor.column(i));
+        Ok(Group { columns: buffers.into_iter().enumerate().map(chunk).collect::<Result<_, _>>()? })
     }
 }
 
@@ -105,23 +106,10 @@ impl<'t> Table<'t> {
     }
 }
 
-/// The rows of trails as a row group, column by column.
-pub(super) fn encode(encoder: &Encoder<'_>, pieces: &[Piece<'_>]) -> Result<Group, WriteError> {
-    let Some(form) = &encoder.parquet else {
-        return Err(encoder.io(io::Error::other("a Parquet file without a schema")));
-    };
-    let rows = pieces.iter().map(|piece| piece.rows.len()).sum();
-    let mut refused = None;
-    let group = form.group(rows, |i, buffer| {
-        let column = &encoder.columns.list[i];
-        if let Err(error) = pieces.iter().try_for_each(|piece| fill(encoder, column, piece, buffer)) {
-            refused.get_or_insert(error);
-        }
-    });
-    match refused {
-        Some(error) => Err(error),
-        None => group.map_err(|e| encoder.io(into_io(e))),
-    }
+/// Appends rows of a trail, column by column.
+pub(super) fn append(encoder: &Encoder<'_>, piece: &Piece<'_>, buffers: &mut [Buffer]) -> Result<(), WriteError> {
+    let mut columns = encoder.columns.list.iter().zip(buffers);
+    columns.try_for_each(|(column, buffer)| fill(encoder, column, piece, buffer))
 }
 
 /// Appends the cells of a column.
@@ -151,12 +139,13 @@ fn fill(encoder: &Encoder<'_>, column: &Column, piece: &Piece<'_>, buffer: &mut 
             runs.for_each(|run| buffer.text(run[0].name(), run.len() as u32));
         }
         (Source::Nis, _) => {
-            for row in rows {
-                match trail.nis[row] {
-                    Some(nis) if !nis.is_finite() => return Err(refused(row)),
-                    Some(nis) => buffer.float(nis),
-                    None => buffer.absent(),
-                }
+            if let Some(odd) = buffer.floats_or_none(&trail.nis[rows.clone()]) {
+                return Err(refused(rows.start + odd));
+            }
+        }
+        (Source::Time, _) if encoder.columns.is_in_seconds() => {
+            if let Some(odd) = buffer.floats_or_none(&trail.t_s[rows.clone()]) {
+                return Err(refused(rows.start + odd));
             }
         }
         (source, _) => {
@@ -195,8 +184,9 @@ pub(super) fn write_rows<'c>(
     let rows: Vec<Vec<OutCell<'c>>> = rows.collect();
     let mut table = Table::start(form, to)?;
     for rows in rows.chunks(super::GROUP_ROWS) {
-        let fill = |i: usize, buffer: &mut Buffer| rows.iter().for_each(|row| push(buffer, &row[i]));
-        table.append(form.group(rows.len(), fill)?)?;
+        let mut buffers = form.buffers(rows.len());
+        rows.iter().for_each(|row| buffers.iter_mut().zip(row).for_each(|(buffer, cell)| push(buffer, cell)));
+        table.append(form.group(buffers)?)?;
     }
     table.finish()
 }

@@ -49,16 +49,29 @@ impl Runs {
 }
 
 /// The values of one column of a row group.
-pub(super) struct Buffer {
+pub(crate) struct Buffer {
     /// 1 where there is a value.
     levels: Runs,
     values: Values,
 }
 
 enum Values {
+    /// Behind [`ROOM`] numbers that leave room for the levels.
     Floats(Vec<f64>),
     Ints(Vec<i64>),
     Texts(Texts),
+}
+
+/// Numbers before the first of a column: with the levels in front of it a buffer is a page as it stands.
+const ROOM: usize = 8;
+
+/// Numbers as the bytes of a page.
+struct Numbers(Vec<f64>);
+
+impl AsRef<[u8]> for Numbers {
+    fn as_ref(&self) -> &[u8] {
+        bytemuck::cast_slice(&self.0)
+    }
 }
 
 /// Texts by their place in a dictionary.
@@ -70,12 +83,15 @@ struct Texts {
 }
 
 impl Buffer {
+    /// Numbers, with room for about so many.
     pub fn floats(rows: usize) -> Buffer {
-        Buffer { levels: Runs::default(), values: Values::Floats(Vec::with_capacity(rows)) }
+        let mut values = Vec::with_capacity(ROOM + rows);
+        values.resize(ROOM, 0.0);
+        Buffer { levels: Runs::default(), values: Values::Floats(values) }
     }
 
-    pub fn ints(rows: usize) -> Buffer {
-        Buffer { levels: Runs::default(), values: Values::Ints(Vec::with_capacity(rows)) }
+    pub fn ints() -> Buffer {
+        Buffer { levels: Runs::default(), values: Values::Ints(Vec::new()) }
     }
 
     pub fn texts() -> Buffer {
@@ -105,6 +121,20 @@ impl Buffer {
         // A sum of what is not finite is not: one look for many numbers.
         let all = v[from..].iter().fold(0.0, |sum, x| sum + x * 0.0);
         if all == 0.0 { None } else { v[from..].iter().position(|x| !x.is_finite()) }
+    }
+
+    /// Appends cells of a column of numbers; the place of the first that is not finite, if there is one.
+    pub fn floats_or_none(&mut self, cells: &[Option<f64>]) -> Option<usize> {
+        if cells.iter().all(Option::is_some) {
+            return self.all_floats(cells.iter().map(|x| x.unwrap_or(0.0)));
+        }
+        for cell in cells {
+            match cell {
+                Some(x) => self.float(*x),
+                None => self.absent(),
+            }
+        }
+        cells.iter().position(|cell| cell.is_some_and(|x| !x.is_finite()))
     }
 
     /// Appends a whole number to a column of such.
@@ -140,33 +170,42 @@ impl Buffer {
     }
 
     /// The column as it stands in a file.
-    pub fn chunk(&self, column: ColumnDescPtr) -> Result<(Bytes, ColumnCloseResult), ParquetError> {
+    pub fn chunk(self, column: ColumnDescPtr) -> Result<(Bytes, ColumnCloseResult), ParquetError> {
         let (rows, nulls) = self.levels.count(0);
-        let mut page = Vec::new();
-        let mut levels = Vec::new();
+        let mut levels = vec![0; 4];
         self.levels.encode(1, &mut levels);
-        page.extend_from_slice(&(levels.len() as u32).to_le_bytes());
-        page.extend_from_slice(&levels);
+        let length = levels.len() as u32 - 4;
+        levels[..4].copy_from_slice(&length.to_le_bytes());
         let nulls = Some(u64::from(nulls));
         let mut dictionary = None;
-        let statistics = match &self.values {
-            Values::Floats(v) => {
-                page.extend_from_slice(bytemuck::cast_slice(v));
+        let (page, statistics) = match self.values {
+            Values::Floats(mut v) => {
+                let numbers = &v[ROOM..];
                 // By the format the smallest of zeros is written as -0, the largest as +0.
-                let (low, high) = range(v);
+                let (low, high) = range(numbers);
                 let zero = |x: f64, zero: f64| if x == 0.0 { zero } else { x };
-                let some = |x: f64| (!v.is_empty()).then_some(x);
-                Statistics::double(some(zero(low, -0.0)), some(zero(high, 0.0)), None, nulls, false)
+                let some = |x: f64| (!numbers.is_empty()).then_some(x);
+                let statistics = Statistics::double(some(zero(low, -0.0)), some(zero(high, 0.0)), None, nulls, false);
+                let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut v);
+                let page = match (8 * ROOM).checked_sub(levels.len()) {
+                    Some(from) => {
+                        bytes[from..8 * ROOM].copy_from_slice(&levels);
+                        Bytes::from_owner(Numbers(v)).slice(from..)
+                    }
+                    None => Bytes::from([&levels, &bytes[8 * ROOM..]].concat()),
+                };
+                (page, statistics)
             }
             Values::Ints(v) => {
-                page.extend_from_slice(bytemuck::cast_slice(v));
-                Statistics::int64(v.iter().min().copied(), v.iter().max().copied(), None, nulls, false)
+                levels.extend_from_slice(bytemuck::cast_slice(&v));
+                let (low, high) = (v.iter().min().copied(), v.iter().max().copied());
+                (Bytes::from(levels), Statistics::int64(low, high, None, nulls, false))
             }
             Values::Texts(texts) => {
                 let bits = usize::BITS - texts.dictionary.len().saturating_sub(1).leading_zeros();
                 let bits = bits.max(1);
-                page.push(bits as u8);
-                texts.indices.encode(bits, &mut page);
+                levels.push(bits as u8);
+                texts.indices.encode(bits, &mut levels);
                 let mut plain = Vec::new();
                 for text in &texts.dictionary {
                     plain.extend_from_slice(&(text.len() as u32).to_le_bytes());
@@ -175,7 +214,7 @@ impl Buffer {
                 dictionary = Some((plain, texts.dictionary.len() as u32));
                 let bound = |text: Option<&Box<str>>| text.map(|t| t.as_bytes().to_vec().into());
                 let (low, high) = (texts.dictionary.iter().min(), texts.dictionary.iter().max());
-                Statistics::byte_array(bound(low), bound(high), None, nulls, false)
+                (Bytes::from(levels), Statistics::byte_array(bound(low), bound(high), None, nulls, false))
             }
         };
         write(column, (page, rows), dictionary, statistics)
@@ -198,16 +237,26 @@ fn range(numbers: &[f64]) -> (f64, f64) {
     (all(low, f64::min), all(high, f64::max))
 }
 
+/// Bytes of a page that tell whether it can be packed.
+const TRIED: usize = 1 << 14;
+
 /// Frames the pages of a column chunk. They are packed where that makes them smaller by a tenth.
 fn write(
     column: ColumnDescPtr,
-    (page, rows): (Vec<u8>, u32),
+    (page, rows): (Bytes, u32),
     dictionary: Option<(Vec<u8>, u32)>,
     statistics: Statistics,
 ) -> Result<(Bytes, ColumnCloseResult), ParquetError> {
     let mut packer = snap::raw::Encoder::new();
-    let packed = packer.compress_vec(&page).map_err(|e| ParquetError::External(Box::new(e)))?;
-    let is_packed = packed.len() < page.len() - page.len() / 10;
+    let mut pack = |bytes: &[u8]| packer.compress_vec(bytes).map_err(|e| ParquetError::External(Box::new(e)));
+    // Most columns cannot be made smaller: a part of one tells.
+    let part = &page[page.len() / 2..page.len().min(page.len() / 2 + TRIED)];
+    let worth = |packed: usize, whole: usize| packed < whole - whole / 10;
+    let packed = match worth(pack(part)?.len(), part.len()) {
+        true => Some(pack(&page)?).filter(|packed| worth(packed.len(), page.len())),
+        false => None,
+    };
+    let is_packed = packed.is_some();
     let mut out = TrackedWrite::new(Vec::with_capacity(page.len() + 256));
     let mut pages = SerializedPageWriter::new(&mut out);
     let (mut raw, mut stored, mut bytes) = (0, 0, 0);
@@ -226,7 +275,7 @@ fn write(
         if let Some((plain, count)) = dictionary {
             let size = plain.len();
             let buf = match is_packed {
-                true => packer.compress_vec(&plain).map_err(|e| ParquetError::External(Box::new(e)))?,
+                true => pack(&plain)?,
                 false => plain,
             };
             let page = Page::DictionaryPage {
@@ -239,7 +288,7 @@ fn write(
         }
         let size = page.len();
         let data = Page::DataPage {
-            buf: Bytes::from(if is_packed { packed } else { page }),
+            buf: packed.map_or(page, Bytes::from),
             num_values: rows,
             encoding: value_encoding,
             def_level_encoding: Encoding::RLE,
