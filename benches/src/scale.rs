@@ -21,6 +21,7 @@ use fixtrail_core::{Belief, Matrix, Vector};
 use fixtrail_lanes::{Linear, Problem, filter, linear};
 use std::cell::Cell;
 use std::hint::black_box;
+use std::thread;
 use std::time::Instant;
 
 /// Storage that counts what it lends.
@@ -110,6 +111,11 @@ fn general<const N: usize, const Q: usize>(settings: &Settings) -> f64 {
 }
 
 fn many(settings: &Settings, tracks: usize, steps: usize, lost: f64) -> f64 {
+    shared(settings, tracks, steps, lost, 1)
+}
+
+/// Tracks side by side, as many on each thread.
+fn shared(settings: &Settings, tracks: usize, steps: usize, lost: f64, threads: usize) -> f64 {
     let start = Belief { mean: Vector::zeros(), cov: Matrix::identity() * 25.0 };
     let problem = Problem::<3> { leap: Leap::new(0.01, 2.0), var: 0.0025, start };
     let mut z = Vec::new();
@@ -119,7 +125,19 @@ fn many(settings: &Settings, tracks: usize, steps: usize, lost: f64) -> f64 {
         z.extend(one);
     }
     let mut out = vec![0.0; z.len() * 3];
-    time(settings, tracks * steps, || filter(&problem, black_box(&z), steps, &mut out))
+    let part = tracks.div_ceil(threads) * steps;
+    time(settings, tracks * steps, || {
+        thread::scope(|scope| {
+            let mut parts = black_box(&z).chunks(part).zip(out.chunks_mut(3 * part));
+            let own = parts.next();
+            for (z, out) in parts {
+                scope.spawn(|| filter(&problem, z, steps, out));
+            }
+            if let Some((z, out)) = own {
+                filter(&problem, z, steps, out);
+            }
+        });
+    })
 }
 
 fn shape(window: usize) -> Shape {
@@ -179,6 +197,13 @@ pub fn tables(settings: &Settings) {
     let rates = [0.0, 0.01, 0.1, 0.3, 0.6];
     title("side by side, 64 tracks x 800, lost", &percent(&rates));
     line("ns an estimate", rates.map(|lost| many(s, 64, 800, lost)));
+
+    let threads = [1, 2];
+    title("side by side, 512 tracks x 800, threads", &names(&threads));
+    for lost in [0.0, 0.2] {
+        let of = |threads| shared(s, 512, 800, lost, threads);
+        line(&format!("{:.0} % lost, ns an estimate", 100.0 * lost), threads.map(of));
+    }
 
     let windows = [5, 15, 29, 60, 200, 1000];
     title("fms, n=3, push and estimate, window", &names(&windows));

@@ -54,6 +54,50 @@ impl<const N: usize> Element<N> {
         })
     }
 
+    /// The stretch `self` followed by one instant, as [`combine`](Element::combine) with [`instant`](Element::instant) has it, but row by row: with
+    /// `e = z − h b` and `s = h C hᵀ + r`
+    ///
+    /// ```text
+    /// η += Fᵀ h e/s    J += Fᵀ h hᵀ F/s    b += C h e/s    F −= C h hᵀ F/s    C −= C h hᵀ C/s
+    /// ```
+    pub fn then(&self, rows: &[Row<N>], leap: Option<&Transition<N>>) -> Self {
+        let mut all = *self;
+        for row in rows {
+            let ch = all.c * row.h;
+            let g = all.f.tr_mul(&row.h);
+            let inverse = 1.0 / (row.h.dot(&ch) + row.var);
+            let e = (row.residual - row.h.dot(&all.b)) * inverse;
+            all.eta += g * e;
+            all.b += ch * e;
+            let (gain, weight) = (ch * inverse, g * inverse);
+            for j in 0..N {
+                for i in 0..N {
+                    all.f[(i, j)] -= gain[i] * g[j];
+                }
+                // Both halves are the same product.
+                for i in 0..=j {
+                    let (c, w) = (all.c[(i, j)] - gain[i] * ch[j], all.j[(i, j)] + weight[i] * g[j]);
+                    (all.c[(i, j)], all.c[(j, i)]) = (c, c);
+                    (all.j[(i, j)], all.j[(j, i)]) = (w, w);
+                }
+            }
+        }
+        if let Some(leap) = leap {
+            all.f = leap.f * all.f;
+            all.b = leap.f * all.b + leap.next;
+            all.c = symmetrised(&(leap.f * all.c * leap.f.transpose() + leap.q));
+        }
+        all
+    }
+
+    /// The estimate of the last state, the first one unknown. `None` as in [`joint`](Element::joint).
+    pub fn filtered(&self) -> Option<Belief<N>> {
+        let start = InverseRoot::new(&self.j)?;
+        let y = start.apply(&self.f);
+        let mean = self.f * start.solve(&self.eta) + self.b;
+        Some(Belief { mean, cov: symmetrised(&(self.c + y * y.transpose())) })
+    }
+
     /// Estimates of the last state and of the state between `self` and `then`, the first state unknown. `None` when the information
     /// matrix of the first state is too ill-conditioned (scaled pivot below 1e-6, where six digits would go) to be decided upon here.
     pub fn joint(&self, then: &Self) -> Option<Joint<N>> {

@@ -16,6 +16,9 @@ pub const MOST_COMPONENTS: usize = 6;
 /// Largest number of scalars in a window for which the lost-row correction is prepared: its matrix has the square of it.
 const CORRECTED_UP_TO: usize = 256;
 
+/// Lost scalars up to which correcting them is quicker than stacks.
+const FEW_LOST: usize = 6;
+
 /// A time-invariant linear model as a window needs it.
 #[derive(Clone, Copy, Debug)]
 pub struct Model<'a, const N: usize> {
@@ -209,13 +212,14 @@ impl<const N: usize, S: Store> InvariantWindow<N, S> {
     #[cold]
     #[inline(never)]
     fn estimate_with_losses(&mut self) -> Joint<N> {
+        // Stacks that are filled go on until nothing is lost: filling them costs a pass over the window.
+        let has_stacks = self.varying.as_ref().is_some_and(|varying| !varying.is_empty());
+        let is_few = self.shape.window < STACKS_FROM || self.lost <= FEW_LOST && !has_stacks;
         if self.lost > 0
             && self.len == self.shape.window
+            && is_few
             && let Some(joint) = self.corrected().filter(Joint::is_finite)
         {
-            if let Some(varying) = &mut self.varying {
-                varying.clear();
-            }
             return joint;
         }
         if self.len >= STACKS_FROM

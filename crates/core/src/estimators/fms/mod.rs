@@ -36,7 +36,7 @@ pub enum Align {
 }
 
 /// Windows of at least this many instants are aggregated in stacks instead of passed over at each step: a pass costs M updates and
-/// leaps, the stacks about six combinations of elements, each dearer than a leap. The pass keeps more digits where the window is
+/// leaps, the stacks about two combinations of elements without a lag, each dearer than a leap, and six with one. The pass keeps more digits where the window is
 /// ill-conditioned, so short windows stay with it although the stacks would be quicker from about 9 instants on.
 pub const STACKS_FROM: usize = 30;
 

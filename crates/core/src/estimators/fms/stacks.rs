@@ -3,7 +3,7 @@
 
 use crate::estimators::fms::element::Element;
 use crate::storage::Store;
-use crate::types::StepError;
+use crate::types::{Row, StepError, Transition};
 
 /// A queue of elements that knows the combination of all of them.
 ///
@@ -46,11 +46,11 @@ impl<const N: usize, S: Store> Stacks<N, S> {
         self.back_all = Element::identity();
     }
 
-    /// Adds an element at the end. `Ok(None)` when the combination cannot be formed in working precision.
+    /// Adds an instant at the end: its rows, then the leap to the next.
     ///
     /// # Errors
     /// [`StepError::WindowFull`] when the store has no more room.
-    pub fn push(&mut self, element: Element<N>) -> Result<Option<()>, StepError> {
+    pub fn push(&mut self, rows: &[Row<N>], leap: &Transition<N>) -> Result<(), StepError> {
         let capacity = self.back.as_ref().len();
         if self.back_len == capacity {
             let full = StepError::WindowFull { capacity, needed: capacity + 1 };
@@ -64,11 +64,10 @@ impl<const N: usize, S: Store> Stacks<N, S> {
             self.back = back;
             self.front = front;
         }
-        let Some(all) = self.back_all.combine(&element) else { return Ok(None) };
-        self.back_all = all;
-        self.back.as_mut()[self.back_len] = element;
+        self.back_all = self.back_all.then(rows, Some(leap));
+        self.back.as_mut()[self.back_len] = Element::instant(rows, Some(leap));
         self.back_len += 1;
-        Ok(Some(()))
+        Ok(())
     }
 
     /// Removes the oldest element. `None` when there is none, or when a combination cannot be formed in working precision.

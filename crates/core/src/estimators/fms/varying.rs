@@ -11,7 +11,7 @@ use crate::estimators::fms::stacks::Stacks;
 use crate::estimators::fms::window::{Node, Window};
 use crate::estimators::smoother::{Arrive, Backward, Instant, StartState};
 use crate::storage::Store;
-use crate::types::{Row, StepError, Transition};
+use crate::types::{Matrix, Row, StepError, Transition};
 
 /// A window over a time-varying linear model.
 #[derive(Clone)]
@@ -58,12 +58,11 @@ impl<const N: usize, S: Store> Varying<N, S> {
     /// [`StepError::WindowFull`] when the store has no more room; nothing has changed then.
     pub fn push(&mut self, arrive: &Transition<N>, rows: &mut [Row<N>]) -> Result<(), StepError> {
         let len = self.window.len();
-        let complete = (len > 0).then(|| Element::instant(self.window.get(len - 1).rows(), Some(arrive)));
         self.window.push(Node::new(arrive, rows))?;
-        if let (Some(queues), Some(element)) = (&mut self.queues, complete)
+        if let (Some(queues), true) = (&mut self.queues, len > 0)
             && queues.valid
         {
-            queues.valid = matches!(queues.late.push(element), Ok(Some(())));
+            queues.valid = queues.late.push(self.window.get(len - 1).rows(), arrive).is_ok();
         }
         Ok(())
     }
@@ -94,15 +93,19 @@ impl<const N: usize, S: Store> Varying<N, S> {
     /// Estimates of the newest instant and of the one `lag` instants before it, from the window. A lag beyond the window has no
     /// estimate, and neither has a window whose covariances leave the range of numbers.
     pub fn filtered(&mut self, lag: usize) -> Joint<N> {
-        let split = self.window.len().checked_sub(lag + 1);
-        self.estimate(split, None)
+        match lag {
+            0 => newest(&self.estimate(None, None)),
+            _ => self.estimate(self.window.len().checked_sub(lag + 1), None),
+        }
     }
 
     /// Estimates of the instant that `leap` leads to and of the one `lag` instants before it, from the window; see
     /// [`Varying::filtered`].
     pub fn predicted(&mut self, lag: usize, leap: &Transition<N>) -> Joint<N> {
-        let split = self.window.len().checked_sub(lag);
-        self.estimate(split, Some(leap))
+        match lag {
+            0 => newest(&self.estimate(None, Some(leap))),
+            _ => self.estimate(self.window.len().checked_sub(lag), Some(leap)),
+        }
     }
 
     fn estimate(&mut self, split: Option<usize>, leap: Option<&Transition<N>>) -> Joint<N> {
@@ -167,21 +170,21 @@ impl<const N: usize, S: Store> Varying<N, S> {
             queues.late.clear();
             queues.valid = false;
             for i in 0..complete {
-                let element = Element::instant(self.window.get(i).rows(), Some(&self.window.get(i + 1).arrive));
-                queues.late.push(element).ok()??;
+                queues.late.push(self.window.get(i).rows(), &self.window.get(i + 1).arrive).ok()?;
             }
             queues.valid = true;
         }
         while queues.early.len() < wanted {
             let i = queues.early.len();
-            let element = Element::instant(self.window.get(i).rows(), Some(&self.window.get(i + 1).arrive));
             queues.valid = false;
-            queues.early.push(element).ok()??;
+            queues.early.push(self.window.get(i).rows(), &self.window.get(i + 1).arrive).ok()?;
             queues.late.pop()?;
             queues.valid = true;
         }
-        let newest = Element::instant(self.window.get(len - 1).rows(), leap);
-        let late = queues.late.all()?.combine(&newest)?;
+        let late = queues.late.all()?.then(self.window.get(len - 1).rows(), leap);
+        if split.is_none() && queues.early.is_empty() {
+            return Some(Joint { filter: Some(late.filtered()?), lagged: None, cross: Matrix::zeros() });
+        }
         let early = queues.early.all()?;
         let mut joint =
             if split == Some(len) { early.combine(&late)?.joint(&Element::identity())? } else { early.joint(&late)? };
@@ -190,4 +193,9 @@ impl<const N: usize, S: Store> Varying<N, S> {
         }
         Some(joint)
     }
+}
+
+/// The newest instant as the lagged one, which it is where there is no lag.
+fn newest<const N: usize>(joint: &Joint<N>) -> Joint<N> {
+    Joint { lagged: joint.filter, cross: joint.filter.map_or(joint.cross, |filter| filter.cov), ..*joint }
 }
