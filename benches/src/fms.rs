@@ -119,9 +119,6 @@ pub fn paper(settings: &Settings) -> Result<(), String> {
         Contender::new("fixtrail, a whole series", |out| {
             fixtrail_lanes::convolve(&columns(&filter), z.as_flattened(), out.as_chunks_mut::<3>().0);
         }),
-        Contender::new("fixtrail, a whole series, fused", |out| {
-            fixtrail_lanes::convolve_fused(&columns(&filter), z.as_flattened(), out.as_chunks_mut::<3>().0);
-        }),
         Contender::new("nalgebra 0.35, 3x15 product", |out| multiply(&filter, &z, out)),
     ];
     race("fms filter, n=3 M=15", 3, settings, &filters)?;
@@ -138,9 +135,6 @@ pub fn paper(settings: &Settings) -> Result<(), String> {
         }),
         Contender::new("fixtrail, a whole series", |out| {
             fixtrail_lanes::convolve(&columns(&both), z.as_flattened(), out.as_chunks_mut::<6>().0);
-        }),
-        Contender::new("fixtrail, a whole series, fused", |out| {
-            fixtrail_lanes::convolve_fused(&columns(&both), z.as_flattened(), out.as_chunks_mut::<6>().0);
         }),
         Contender::new("nalgebra 0.35, 6x15 product", |out| multiply(&both, &z, out)),
     ];

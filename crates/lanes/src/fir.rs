@@ -11,41 +11,25 @@ use pulp::{Arch, Simd, WithSimd, bytemuck};
 /// # Panics
 /// When there is no gain.
 pub fn convolve<const N: usize>(gain: &[[f64; N]], z: &[f64], out: &mut [[f64; N]]) {
-    dispatch::<N, false>(gain, z, out);
-}
-
-/// As [`convolve`], with products that are added unrounded (fused multiply-add) where the machine can: in about two thirds of the time, no less
-/// exact, but the last bits depend on the machine and on the place of an instant in the series.
-///
-/// # Panics
-/// When there is no gain.
-pub fn convolve_fused<const N: usize>(gain: &[[f64; N]], z: &[f64], out: &mut [[f64; N]]) {
-    dispatch::<N, true>(gain, z, out);
-}
-
-fn dispatch<const N: usize, const FUSED: bool>(gain: &[[f64; N]], z: &[f64], out: &mut [[f64; N]]) {
     assert!(!gain.is_empty(), "a window without a gain");
     let count = (z.len() + 1).saturating_sub(gain.len()).min(out.len());
-    Arch::new().dispatch(Series::<N, FUSED> { gain, z, out: &mut out[..count] });
+    Arch::new().dispatch(Series { gain, z, out: &mut out[..count] });
 }
 
-struct Series<'a, const N: usize, const FUSED: bool> {
+struct Series<'a, const N: usize> {
     gain: &'a [[f64; N]],
     z: &'a [f64],
     out: &'a mut [[f64; N]],
 }
 
-impl<const N: usize, const FUSED: bool> WithSimd for Series<'_, N, FUSED> {
+impl<const N: usize> WithSimd for Series<'_, N> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         // As many sums as leave room for measurements and a gain in the sixteen registers of AVX2.
         let Series { gain, z, out } = self;
-        let k = match N {
-            0..=3 => whole::<S, N, 3, FUSED>(simd, gain, z, out),
-            _ => whole::<S, N, 2, FUSED>(simd, gain, z, out),
-        };
+        let k = if N <= 3 { whole::<S, N, 3>(simd, gain, z, out) } else { whole::<S, N, 2>(simd, gain, z, out) };
         for (k, out) in out.iter_mut().enumerate().skip(k) {
             *out = [0.0; N];
             for (gain, z) in gain.iter().zip(&z[k..]) {
@@ -59,7 +43,7 @@ impl<const N: usize, const FUSED: bool> WithSimd for Series<'_, N, FUSED> {
 
 /// Writes as many instants as fill `DEEP` registers at a time, and returns how many these were.
 #[inline(always)]
-fn whole<S: Simd, const N: usize, const DEEP: usize, const FUSED: bool>(
+fn whole<S: Simd, const N: usize, const DEEP: usize>(
     simd: S,
     gain: &[[f64; N]],
     z: &[f64],
@@ -74,11 +58,7 @@ fn whole<S: Simd, const N: usize, const DEEP: usize, const FUSED: bool>(
             for (i, gain) in gain.iter().enumerate() {
                 let gain = simd.splat_f64s(*gain);
                 for deep in 0..DEEP {
-                    let sum = sums[deep][i];
-                    sums[deep][i] = match FUSED {
-                        true => simd.mul_add_e_f64s(gain, z[deep], sum),
-                        false => simd.add_f64s(sum, simd.mul_f64s(gain, z[deep])),
-                    };
+                    sums[deep][i] = simd.add_f64s(sums[deep][i], simd.mul_f64s(gain, z[deep]));
                 }
             }
         }

@@ -338,31 +338,34 @@ fn shown(seed: u128, len: usize, p: f64, hold: &str, numbered: bool) -> Recordin
 
 #[test]
 fn links_without_time_stamps_give_rate_and_noise_back() {
-    const RATE: f64 = 0.7;
-    for (hold, numbered, estimator) in [
-        ("paper", false, "lmmse"),
-        ("paper", true, "gpb1"),
-        ("last-received", false, "gpb1"),
-        ("last-received", true, "lmmse"),
+    for (hold, numbered, estimator, rate) in [
+        ("paper", false, "lmmse", 0.7),
+        // Here every fourth value that is not a repeat is two instants old.
+        ("paper", false, "lmmse", 0.45),
+        ("paper", true, "gpb1", 0.7),
+        ("last-received", false, "gpb1", 0.7),
+        ("last-received", true, "lmmse", 0.7),
     ] {
         let start = format!(
             "[model]\nkind = \"constant-velocity\"\nnoise = 20.0\nx0 = [0, 5, 1, -0.5]\nP0 = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]\n[link]\nstamped = false\nhold = \"{hold}\"\n\
              arrival = 0.95\n[sensor]\nkind = \"position\"\nsd = 1.0\n[estimator]\nkind = \"{estimator}\"\n"
         );
-        let recordings = [shown(24, 1500, RATE, hold, numbered), shown(25, 500, RATE, hold, numbered)];
+        let recordings = [shown(24, 1500, rate, hold, numbered), shown(25, 500, rate, hold, numbered)];
         for recordings in [recordings.to_vec(), without_truth(&recordings)] {
             let with_truth = !recordings[0].truth.is_empty();
-            let what = format!("{hold}, numbered {numbered}, {estimator}, truth {with_truth}");
+            let what = format!("{hold}, numbered {numbered}, {estimator}, rate {rate}, truth {with_truth}");
             let tuned = tune(&parsed(&start), &recordings, &Options::default(), &|_| {}).unwrap();
             let arrival = tuned.arrival.unwrap();
-            // 2000 values, each known to have come or not: √(0.7 · 0.3 / 2000) = 0.0102, a little more where that is seen of some only.
-            assert!((0.009..0.016).contains(&arrival.sd), "{what}: {arrival:?}");
-            assert!((arrival.rate - RATE).abs() < 4.0 * arrival.sd, "{what}: {arrival:?}");
+            // 2000 values, each known to have come or not: √(p (1 − p) / 2000), a little more where that is seen of some only.
+            let least = (rate * (1.0 - rate) / 2000.0).sqrt();
+            assert!((0.9 * least..1.6 * least).contains(&arrival.sd), "{what}: {arrival:?}");
+            assert!((arrival.rate - rate).abs() < 4.0 * arrival.sd, "{what}: {arrival:?}");
             assert_eq!(tuned.spec.link.arrival, Some(ArrivalSpec::Constant(arrival.rate)), "{what}");
             assert_eq!(arrival.by_repeats, !numbered, "{what}");
             if !with_truth {
-                // 4000 coordinates fix their noise to 1 %, the steps of the search to 10 %.
-                assert!((tuned.spec.sensors[0].sd / SD - 1.0).abs() < 0.15, "{what}: {}", tuned.spec.sensors[0].sd);
+                // 4000 coordinates fix their noise to 1 %, the steps of the search to 10 %; where few are new, noise and motion are hard to tell apart.
+                let room = if rate > 0.5 { 0.15 } else { 0.25 };
+                assert!((tuned.spec.sensors[0].sd / SD - 1.0).abs() < room, "{what}: {}", tuned.spec.sensors[0].sd);
                 assert!((0.2 * PSD..5.0 * PSD).contains(&noise(&tuned.spec)), "{what}: {}", noise(&tuned.spec));
                 assert!((tuned.after.innovation.unwrap() - 1.0).abs() < 0.1, "{what}: {:?}", tuned.after);
             } else {
@@ -444,4 +447,47 @@ fn what_cannot_be_tuned_is_refused() {
     let mut late = recording(11, 5, 0.0, ranges);
     late.truth[0].points.iter_mut().for_each(|p| p.t_s -= 1e4);
     assert!(matches!(tune(&spec, &[late], &NUMBERS, &|_| {}), Err(TuneError::Start(_))));
+}
+
+#[test]
+fn widths_are_those_of_errors_where_the_sensors_were_not_calibrated() {
+    // Anchors are off by a metre one way in one recording and the other way in the next: calibrated on both they look unbiased.
+    let off = |by: f64| {
+        move |chance: &mut Chance, anchor: usize, distance: f64| {
+            let side = if anchor % 2 == 0 { by } else { -by };
+            Content::Range { anchor: anchor as u32, value_m: distance + side + SD * chance.normal() }
+        }
+    };
+    let widened = |by: f64| {
+        let recordings = [recording(31, 60, 0.0, off(by)), recording(32, 60, 0.0, off(-by))];
+        tune(&parsed(WRONG), &recordings, &NUMBERS, &|_| {}).unwrap().honesty.unwrap().0
+    };
+    let (alike, apart) = (widened(0.0), widened(1.0));
+    // What one recording says of the anchors is two metres off in the other, more than what the noise of both together makes room for.
+    assert!(apart > 1.25 * alike && (0.7..1.3).contains(&alike), "{alike} {apart}");
+}
+
+#[test]
+fn a_change_of_structure_gains_more_than_its_standard_error_or_is_left() {
+    // Anchors are off for five seconds of fifty: what one of five blocks gains alone is its mean, and its standard error as well.
+    let mut unsure = 0;
+    for seed in [41, 43] {
+        let call = std::cell::Cell::new(0);
+        let burst = |chance: &mut Chance, anchor: usize, distance: f64| {
+            call.set(call.get() + 1);
+            let off = if (1000..1000 + 50 * SITES.len()).contains(&call.get()) && anchor % 2 == 0 { 0.6 } else { 0.0 };
+            Content::Range { anchor: anchor as u32, value_m: distance + off + SD * chance.normal() }
+        };
+        let recordings = [recording(seed, 50, 0.0, burst)];
+        let tuned = tune(&parsed(WRONG), &recordings, &Options::default(), &|_| {}).unwrap();
+        for tried in &tuned.structures {
+            let (gain, Some(error)) = (tried.gain, tried.error) else { continue };
+            // What errors that last have to gain at least is less than 0.05.
+            if matches!(tried.change, Change::Drift(_)) && gain > 0.05 && gain <= error {
+                unsure += 1;
+                assert!(!tried.taken, "seed {seed}: {tried:?}");
+            }
+        }
+    }
+    assert!(unsure > 0, "no change is unsure: nothing was tested");
 }
