@@ -9,7 +9,7 @@ use crate::options::{Counts, ReadOptions};
 use crate::record::{self, ABSENT, Clock, MOST_ANCHORS, Rule, Shape};
 use crate::rows::{Block, Rows};
 use crate::schema::{Col, Schema};
-use crate::store::{self, Merge, Room, SortBy, Store};
+use crate::store::{Merge, Room, SortBy, Store};
 use crate::table::TableMeta;
 use crate::time::{self, TimeForm};
 use fixtrail_track::anchors::Anchors;
@@ -92,11 +92,6 @@ impl<'a> Facts<'a> {
             has_target: true,
             counts: Counts::default(),
         }
-    }
-
-    /// Puts the records of a target in order.
-    pub fn sort(&self, records: &mut [u64]) {
-        store::sort_target(records, &self.shape, false, &self.rule);
     }
 
     /// Whether the records of a target are ordered by `k`.

@@ -221,14 +221,7 @@ impl Desk<'_> {
             let rows = job.records[start..].chunks_exact(shape.width);
             let end = start + shape.width * rows.take_while(|r| record::target(r) == *target).count();
             if end > start {
-                let records = &mut job.records[start..end];
-                match order(records, shape.width, shape.t)? {
-                    Order::Grows => {}
-                    Order::Late(count) => {
-                        block.counts.out_of_order += count;
-                        self.facts.sort(records);
-                    }
-                }
+                block.counts.out_of_order += late(&job.records[start..end], shape.width, shape.t)?;
                 job.targets.push((*target, start..end));
             }
             start = end;
@@ -243,33 +236,16 @@ impl Desk<'_> {
     }
 }
 
-/// How the times of a target's records follow each other.
-enum Order {
-    /// Each is later than the one before.
-    Grows,
-    /// So many records are older than one before.
-    Late(u64),
-}
-
-/// The order of records of a target; `None` where one has no time.
-fn order(records: &[u64], width: usize, t: usize) -> Option<Order> {
-    let times = || records.chunks_exact(width).map(|r| f64::from_bits(r[t]));
-    // What stands for no time is no number, and grows from none.
-    let mut before = f64::NEG_INFINITY;
-    if times().all(|t_s| std::mem::replace(&mut before, t_s) < t_s) {
-        return Some(Order::Grows);
-    }
+/// How many records of a target are older than one before; `None` where one has no time.
+fn late(records: &[u64], width: usize, t: usize) -> Option<u64> {
     let (mut newest, mut count) = (f64::NEG_INFINITY, 0);
     for r in records.chunks_exact(width) {
         if r[t] == ABSENT {
             return None;
         }
         let t_s = f64::from_bits(r[t]);
-        if t_s < newest {
-            count += 1;
-        } else {
-            newest = t_s;
-        }
+        count += u64::from(t_s < newest);
+        newest = newest.max(t_s);
     }
-    Some(Order::Late(count))
+    Some(count)
 }

@@ -216,7 +216,7 @@ fn sort(words: &mut Vec<u64>, scratch: &mut Vec<u64>, shape: &Shape, by: &SortBy
 }
 
 /// Sorts records of one target as [`Shape::compare`] says; equal ones keep their order.
-pub(crate) fn sort_target(records: &mut [u64], shape: &Shape, by_k: bool, rule: &Rule) {
+fn sort_target(records: &mut [u64], shape: &Shape, by_k: bool, rule: &Rule) {
     let compare = |a: &[u64], b: &[u64]| shape.compare(a, b, by_k, rule);
     let mut rows = records.chunks_exact(shape.width);
     let is_sorted = rows.next().is_none_or(|first| {

@@ -454,7 +454,7 @@ fn widths_are_those_of_errors_where_the_sensors_were_not_calibrated() {
     // Anchors are off by a metre one way in one recording and the other way in the next: calibrated on both they look unbiased.
     let off = |by: f64| {
         move |chance: &mut Chance, anchor: usize, distance: f64| {
-            let side = if anchor % 2 == 0 { by } else { -by };
+            let side = if anchor.is_multiple_of(2) { by } else { -by };
             Content::Range { anchor: anchor as u32, value_m: distance + side + SD * chance.normal() }
         }
     };
@@ -475,7 +475,11 @@ fn a_change_of_structure_gains_more_than_its_standard_error_or_is_left() {
         let call = std::cell::Cell::new(0);
         let burst = |chance: &mut Chance, anchor: usize, distance: f64| {
             call.set(call.get() + 1);
-            let off = if (1000..1000 + 50 * SITES.len()).contains(&call.get()) && anchor % 2 == 0 { 0.6 } else { 0.0 };
+            let off = if (1000..1000 + 50 * SITES.len()).contains(&call.get()) && anchor.is_multiple_of(2) {
+                0.6
+            } else {
+                0.0
+            };
             Content::Range { anchor: anchor as u32, value_m: distance + off + SD * chance.normal() }
         };
         let recordings = [recording(seed, 50, 0.0, burst)];

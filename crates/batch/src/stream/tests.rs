@@ -409,6 +409,12 @@ fn what_needs_the_whole_table_is_not_tracked_out_of_the_file() {
     refused("t,target,x,y", &with(&|i, row| if i == 300 { format!("{row}?") } else { row.to_owned() }));
     refused("t,target,x,y", &with(&|i, row| if i == 300 { format!("{row},1") } else { row.to_owned() }));
     refused("t,target,x,y", &with(&|i, row| if i == 300 { row.replacen("", "\"", 1) } else { row.to_owned() }));
+    // The first of two broken rows is that in the order of the file, not of the names.
+    let broken = with(&|i, row| if i == 300 || i + 300 == rows.len() { format!("{row}?") } else { row.to_owned() });
+    let mut case = Case::new("m.csv", &table("t,target,x,y", &broken), spec_of(KALMAN, true, POSITIONS));
+    case.read.skip_bad_rows = true;
+    assert!(!case.is_together());
+    case.agrees();
     let mut contradicted = rows.clone();
     contradicted.insert(rows.len() - 1, format!("{}9", rows[rows.len() - 1]));
     let mut case = refused("t,target,x,y", &contradicted);
