@@ -15,7 +15,7 @@ use crate::job::{Done, Job, Worker};
 use crate::names::{Names, TargetId};
 use crate::ordered::ordered;
 use crate::record::{self, ABSENT};
-use crate::rows::{Block, Rows};
+use crate::rows::{Block, Rows, Seen};
 use crate::schema::Col;
 use crate::settle::Tally;
 use crate::store::Room;
@@ -29,7 +29,6 @@ use fixtrail_track::error::BuildError;
 use fixtrail_track::registry;
 use fixtrail_track::trackers::LaggedMode;
 use std::fs::File;
-use std::io;
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
@@ -45,12 +44,6 @@ enum Halt {
 
 impl From<BuildError> for Halt {
     fn from(_: BuildError) -> Halt {
-        Halt::Otherwise
-    }
-}
-
-impl From<io::Error> for Halt {
-    fn from(_: io::Error) -> Halt {
         Halt::Otherwise
     }
 }
@@ -113,11 +106,7 @@ fn track(
     let (series, failed) = (Series::of(run.spec), AtomicBool::new(false));
     let worker = Worker { run, n: layout.n(), encoder: &encoder, series: series.as_ref(), failed: &failed };
     let desk = Desk { worker, facts: &facts, spans: &spans };
-    // Every thread has a file of its own: where it reads is not shared.
-    let files = (0..rayon::current_num_threads().max(1)).map(|_| File::open(path)).collect::<io::Result<Vec<_>>>()?;
-    let files = std::cell::RefCell::new(files);
-    let keep =
-        || Kept { part: part.fork(), file: files.borrow_mut().pop(), reading: Reading::default(), words: Vec::new() };
+    let keep = || Kept { part: part.fork(), file: None, reading: Reading::default(), words: Vec::new() };
 
     let (mut common, mut totals, mut tally) = (Common::new(path), Totals::default(), Tally::default());
     let mut jobs = jobs.into_iter();
@@ -188,7 +177,7 @@ fn jobs(targets: &[Target], long: usize) -> Option<Vec<Range<usize>>> {
 /// What a thread keeps.
 struct Kept<'a> {
     part: Rows<'a>,
-    /// Not there where there are more threads than files, which is never.
+    /// The table, opened once more: where a file is read is not shared.
     file: Option<File>,
     reading: Reading,
     words: Vec<u64>,
@@ -205,13 +194,16 @@ impl Desk<'_> {
     /// Reads, tracks and encodes some targets; `None` where something is other than expected.
     fn job(&self, kept: &mut Kept<'_>, targets: &[Target]) -> Option<(Block, Done)> {
         let (Kept { part, reading, file, words }, shape) = (kept, &self.facts.shape);
-        let file = file.as_mut()?;
+        let file = match file {
+            Some(file) => file,
+            None => file.insert(File::open(self.facts.schema.file).ok()?),
+        };
         part.use_room(std::mem::take(words));
         for span in targets.iter().flat_map(|(_, spans)| spans) {
             self.spans.read(span, (self.facts.schema.file, file), reading, part).ok()?;
         }
         let mut block = part.cut();
-        let is_other = |seen: &Option<crate::rows::Seen>| seen.as_ref().is_some_and(|seen| seen.form);
+        let is_other = |seen: &Option<Seen>| seen.as_ref().is_some_and(|seen| seen.form);
         if is_other(&block.times) || is_other(&block.positions) || !block.numbered.is_empty() || block.shape != *shape {
             return None;
         }

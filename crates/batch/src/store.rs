@@ -6,6 +6,7 @@
 use crate::names::TargetId;
 use crate::record::{self, Rule, Shape};
 use std::cmp::Ordering;
+use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -298,24 +299,13 @@ impl Merge {
     pub fn take(&mut self, target: TargetId, most: usize, by: &SortBy<'_>, out: &mut Vec<u64>) -> io::Result<bool> {
         let by_k = (by.by_k)(target);
         let mut left = most;
+        // The runs that have records of the target, in the order of their heads.
+        let of_target = |c: &Cursor| c.head().is_some_and(|r| record::target(r) == target);
+        let mut order: VecDeque<usize> = (0..self.cursors.len()).filter(|i| of_target(&self.cursors[*i])).collect();
+        order.make_contiguous().sort_by(|a, b| self.compare(*a, *b, by_k, by.rule));
         while left > 0 {
-            let of_target = |c: &Cursor| c.head().is_some_and(|r| record::target(r) == target);
-            // The run whose head comes first, and the head that comes second.
-            let mut first: Option<usize> = None;
-            let mut second: Option<usize> = None;
-            for i in (0..self.cursors.len()).filter(|i| of_target(&self.cursors[*i])) {
-                match first {
-                    None => first = Some(i),
-                    Some(f) if self.compare(i, f, by_k, by.rule) == Ordering::Less => {
-                        (first, second) = (Some(i), first)
-                    }
-                    Some(_) if second.is_none_or(|s| self.compare(i, s, by_k, by.rule) == Ordering::Less) => {
-                        second = Some(i);
-                    }
-                    Some(_) => {}
-                }
-            }
-            let Some(first) = first else { return Ok(true) };
+            let Some(first) = order.pop_front() else { return Ok(true) };
+            let second = order.front().copied();
             let (shape, to) = (self.cursors[first].shape, self.shape);
             if second.is_none() && shape == to {
                 // Nothing stands between: all that is at hand of the target at once.
@@ -327,6 +317,9 @@ impl Merge {
                 left -= count;
                 cursor.at = end - shape.width;
                 cursor.step(self.file.as_mut())?;
+                if of_target(&self.cursors[first]) {
+                    order.push_front(first);
+                }
                 continue;
             }
             while let Some(r) = self.cursors[first].head().filter(|r| record::target(r) == target) {
@@ -345,6 +338,10 @@ impl Merge {
                 }
                 left -= 1;
                 self.cursors[first].step(self.file.as_mut())?;
+            }
+            if of_target(&self.cursors[first]) {
+                let place = order.partition_point(|i| self.compare(*i, first, by_k, by.rule) == Ordering::Less);
+                order.insert(place, first);
             }
         }
         Ok(self.target(by) != Some(target))
