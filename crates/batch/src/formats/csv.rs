@@ -5,7 +5,7 @@
 
 use super::decimal::decimal;
 use super::lines::{self, Lines};
-use super::{PROGRESS_ROWS, Part, Progress, Row, TableSink, in_turn};
+use super::{PROGRESS_ROWS, Part, Progress, Row, TableSink, in_turn, unreadable};
 use crate::cell::{Cell, clip};
 use crate::columns::Extent;
 use crate::input::Source;
@@ -56,7 +56,7 @@ pub(super) fn read_parts<P: Part>(
     progress: Progress<'_>,
 ) -> Result<P, BuildError> {
     let (file, total, done) = (source.file, source.total, source.counter());
-    let failed = |e: std::io::Error| BuildError::new(file, None, None, format!("cannot be read: {e}"));
+    let failed = |e: std::io::Error| unreadable(file, &e);
     let mut lines = Lines::new(source.reader);
     let mut place = Place::default();
     let mut block = lines.next().map_err(failed)?.unwrap_or_default();

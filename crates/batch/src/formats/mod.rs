@@ -13,6 +13,7 @@ use crate::cell::Cell;
 use crate::columns::Extent;
 use crate::input::{Format, Input, Source};
 use fixtrail_track::error::BuildError;
+use std::path::Path;
 
 /// One row, by position among the names last given to [`TableSink::columns`].
 pub(crate) trait Row {
@@ -60,6 +61,11 @@ pub(crate) trait Part: TableSink + Send {
 
     /// What was collected since the last cut.
     fn cut(&mut self) -> Self::Block;
+}
+
+/// The error of a file that the system does not read.
+fn unreadable(file: &Path, error: &std::io::Error) -> BuildError {
+    BuildError::new(file, None, None, format!("cannot be read: {error}"))
 }
 
 /// Bytes done, bytes in all (0 when unknown).

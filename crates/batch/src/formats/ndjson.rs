@@ -2,7 +2,7 @@
 
 use super::alike::{Cells, Pattern};
 use super::lines::{self, Lines};
-use super::{Part, Progress, Row, TableSink};
+use super::{Part, Progress, Row, TableSink, unreadable};
 use crate::cell::{Cell, clip};
 use crate::columns::Extent;
 use crate::input::Source;
@@ -13,9 +13,9 @@ use serde_core::de::{DeserializeSeed, Deserializer, MapAccess, SeqAccess, Visito
 use std::borrow::Cow;
 use std::cell::RefCell;
 use std::collections::HashMap;
+use std::fmt;
 use std::path::Path;
 use std::sync::Arc;
-use std::{fmt, io};
 
 /// The keys seen so far and the cells of the current row, by position of the key.
 #[derive(Default)]
@@ -69,7 +69,7 @@ pub(super) fn read<S: TableSink>(source: Source<'_>, sink: &mut S, progress: Pro
     let (file, total, done) = (source.file, source.total, source.counter());
     let mut lines = Lines::new(source.reader);
     let (mut keys, mut first_line, mut rows) = (Keys::default(), 1, 0);
-    while let Some(block) = lines.next().map_err(|e| failed(file, &e))? {
+    while let Some(block) = lines.next().map_err(|e| unreadable(file, &e))? {
         let parsed = parse(&block, (file, first_line), &mut keys, NewKey::Told, sink);
         parsed.refused.map_or(Ok(()), Err)?;
         rows += parsed.rows;
@@ -111,7 +111,7 @@ pub(super) fn read_parts<P: Part + Sync>(
     let (mut keys, mut first, mut rows) = (Keys::default(), 1, 0);
     let newest = RefCell::new(Arc::new(Known { keys: keys.fork(), part: part.fork() }));
     let next = || {
-        let Some(block) = lines.next().map_err(|e| failed(file, &e))? else { return Ok(None) };
+        let Some(block) = lines.next().map_err(|e| unreadable(file, &e))? else { return Ok(None) };
         let first_line = first;
         first += lines::count(&block);
         Ok(Some(Piece { block, first_line, known: newest.borrow().clone(), bytes: done.get() }))
@@ -154,10 +154,6 @@ fn end<S: TableSink>(file: &Path, rows: u64, keys: &Keys, sink: &mut S) -> Resul
         return Err(BuildError::new(file, None, None, "has no rows, expected one JSON object per line"));
     }
     sink.columns(&keys.names, Extent::Whole).map(drop)
-}
-
-fn failed(file: &Path, error: &io::Error) -> BuildError {
-    BuildError::new(file, None, None, format!("cannot be read: {error}"))
 }
 
 /// What to do about a key that was not there before.

@@ -1,7 +1,7 @@
 //! Flat columns of a Parquet file, read some thousand rows at a time.
 
 use super::contained::contained;
-use super::{PROGRESS_ROWS, Part, Progress, Row, TableSink};
+use super::{PROGRESS_ROWS, Part, Progress, Row, TableSink, unreadable};
 use crate::cell::Cell;
 use crate::columns::Extent;
 use crate::input::{Input, Source};
@@ -105,14 +105,14 @@ impl<'a> Table<'a> {
             _ => {
                 let mut all = Vec::new();
                 let read = source.reader.read_to_end(&mut all);
-                read.map_err(|e| BuildError::new(file, None, None, format!("cannot be read: {e}")))?;
+                read.map_err(|e| unreadable(file, &e))?;
                 Ok(Table { file, total: all.len() as u64, place: Place::Memory(Bytes::from(all)) })
             }
         }
     }
 
     fn reader(&self) -> Result<Reader, BuildError> {
-        let failed = |e: std::io::Error| BuildError::new(self.file, None, None, format!("cannot be read: {e}"));
+        let failed = |e: std::io::Error| unreadable(self.file, &e);
         let open = match &self.place {
             Place::File(path) => {
                 let file = File::open(path).map_err(failed)?;

@@ -2,7 +2,7 @@
 
 use super::csv::{self, Header};
 use super::lines::{self, Lines};
-use super::{Part, Progress, TableSink, ndjson};
+use super::{Part, Progress, TableSink, ndjson, unreadable};
 use crate::columns::Extent;
 use crate::input::{Format, Input, Source};
 use crate::names::{Lookup, Names, TargetId};
@@ -95,7 +95,7 @@ impl Spans {
             return Ok(None);
         }
         let is_csv = source.format == Format::Csv;
-        let failed = |e: io::Error| BuildError::new(file, None, None, format!("cannot be read: {e}"));
+        let failed = |e: io::Error| unreadable(file, &e);
         let first = Lines::new(source.reader).next().map_err(failed)?.unwrap_or_default();
         let (names, rows, end, line) = if is_csv {
             let Some(Header { names, line, end }) = csv::header(&first) else { return Ok(None) };
@@ -163,7 +163,7 @@ impl Spans {
         kept: &mut Reading,
         sink: &mut S,
     ) -> Result<(), BuildError> {
-        let failed = |e: io::Error| BuildError::new(name, None, None, format!("cannot be read: {e}"));
+        let failed = |e: io::Error| unreadable(name, &e);
         let Reading { bytes, keys } = kept;
         bytes.clear();
         file.seek(SeekFrom::Start(span.from)).map_err(failed)?;
