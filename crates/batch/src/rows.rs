@@ -4,7 +4,7 @@ use crate::cell::LARGEST;
 use crate::columns::Extent;
 use crate::content::{AnchorIds, Reading};
 use crate::formats::decimal::leading;
-use crate::formats::{Part, Row, TableSink};
+use crate::formats::{Part, Row, Slab, TableSink};
 use crate::names::{Lookup, MOST_TARGETS, Names, TargetId};
 use crate::options::{Counts, ReadOptions};
 use crate::record::{MOST_LINES, Shape};
@@ -399,6 +399,41 @@ impl TableSink for Rows<'_> {
         self.block.shape.push_plain(id, line, t_s - plain.latency_s, &self.numbers, &mut self.block.words);
         self.block.counts.rows += 1;
         Some(at)
+    }
+
+    fn rows<S: Slab>(&mut self, line: u64, slab: &S) -> usize {
+        let Some(plain) = &self.plain else { return 0 };
+        let Some(t_s) = slab.numbers(plain.t) else { return 0 };
+        let count = plain.target.map_or(t_s.len(), |column| slab.alike(column)).min(t_s.len());
+        let is_ready = self.block.times.as_ref().is_some_and(|seen| !seen.form) && line + (count as u64) < MOST_LINES;
+        let Some(values) = plain.values.iter().map(|column| slab.numbers(*column)).collect::<Option<Vec<_>>>() else {
+            return 0;
+        };
+        let ordinary = |x: f64| x.abs() <= LARGEST;
+        if !is_ready || !ordinary(t_s[0]) {
+            return 0;
+        }
+        let id = match plain.target.map(|column| (slab.text(column), slab.whole(column))) {
+            None => self.lookup.id(&self.names, ""),
+            Some((Some(name), _)) => self.lookup.id(&self.names, name),
+            Some((None, Some(number))) => self.lookup.numbered(&self.names, number),
+            Some((None, None)) => return 0,
+        };
+        if id as usize >= MOST_TARGETS {
+            return 0;
+        }
+        let mut taken = 0;
+        for (i, t_s) in t_s[..count].iter().enumerate() {
+            self.numbers.iter_mut().zip(&values).for_each(|(number, column)| *number = column[i] + 0.0);
+            if !ordinary(*t_s) || !self.numbers.iter().all(|x| ordinary(*x)) {
+                break;
+            }
+            let t_s = t_s + 0.0 - plain.latency_s;
+            self.block.shape.push_plain(id, line + i as u64, t_s, &self.numbers, &mut self.block.words);
+            taken += 1;
+        }
+        self.block.counts.rows += taken as u64;
+        taken
     }
 
     fn malformed(&mut self, error: BuildError) -> Result<(), BuildError> {

@@ -19,6 +19,8 @@ const KEPT_WORDS: usize = 1 << 23;
 const LONG: usize = 1 << 20;
 /// Rows of a target that have to stand together, on average: the place of each lot is kept.
 const FEWEST_ROWS: u64 = 64;
+/// Words of row groups that may be there at once, where targets are tracked out of the file itself: 192 MiB.
+const LOADED_WORDS: usize = 3 << 23;
 /// Words read of a spilled run at a time.
 const PAGE_WORDS: usize = 1 << 16;
 
@@ -33,15 +35,21 @@ pub(crate) struct Room {
     pub long: usize,
     /// Rows of a target that stand together, at least and on average, where they are tracked out of the file itself.
     pub fewest_rows: u64,
+    /// Words of row groups that may be there at once then.
+    pub loaded_words: usize,
 }
 
 impl Room {
     /// Everything in memory.
-    pub const UNLIMITED: Room =
-        Room { run_words: RUN_WORDS, kept_words: usize::MAX, long: usize::MAX, fewest_rows: FEWEST_ROWS };
+    pub const UNLIMITED: Room = Room { kept_words: usize::MAX, long: usize::MAX, ..Room::BOUNDED };
     /// What does not fit goes to a file.
-    pub const BOUNDED: Room =
-        Room { run_words: RUN_WORDS, kept_words: KEPT_WORDS, long: LONG, fewest_rows: FEWEST_ROWS };
+    pub const BOUNDED: Room = Room {
+        run_words: RUN_WORDS,
+        kept_words: KEPT_WORDS,
+        long: LONG,
+        fewest_rows: FEWEST_ROWS,
+        loaded_words: LOADED_WORDS,
+    };
 }
 
 /// A sorted run.

@@ -6,7 +6,7 @@ mod csv;
 pub(crate) mod decimal;
 mod lines;
 mod ndjson;
-mod parquet;
+pub(crate) mod parquet;
 pub(crate) mod spans;
 
 use crate::cell::Cell;
@@ -32,6 +32,15 @@ pub(crate) trait Row {
     }
 }
 
+/// Rows by column, from a row on.
+pub(crate) trait Slab: Row {
+    /// The numbers in a column, where every row has one.
+    fn numbers(&self, column: usize) -> Option<&[f64]>;
+
+    /// How many rows, this one among them, have the same text or whole number in a column: at least so many.
+    fn alike(&self, column: usize) -> usize;
+}
+
 /// Takes a table row by row.
 pub(crate) trait TableSink {
     /// Takes the names of the columns and returns which of them it reads. NDJSON calls it again when a new key appears (the
@@ -45,6 +54,11 @@ pub(crate) trait TableSink {
     /// included; `None` says nothing of the line.
     fn line(&mut self, _line: u64, _text: &[u8]) -> Option<usize> {
         None
+    }
+
+    /// Takes rows if they are nothing but what almost every row is, and returns how many; `line` is that of the first.
+    fn rows<S: Slab>(&mut self, _line: u64, _slab: &S) -> usize {
+        0
     }
 
     /// Takes the news of a row that has no cells to speak of: the error to return, unless bad rows are skipped.

@@ -15,23 +15,80 @@ use std::io::{self, Read, Seek, SeekFrom};
 use std::ops::Range;
 use std::path::Path;
 
-/// Lines of one target, one after the other.
+/// Rows of one target, one after the other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Span {
-    /// As far as a glance tells: who reads the lines knows.
+    /// As far as a glance tells: who reads the rows knows.
     pub target: TargetId,
-    /// The first byte.
-    from: u64,
-    bytes: u64,
-    /// The first line.
-    line: u64,
-    /// How many lines there are.
+    /// The first line, or the first row of a Parquet file.
+    pub line: u64,
+    /// How many there are.
     pub lines: u64,
 }
 
-/// The spans of a file, in its order.
+/// Spans that are found, in the order of their file.
+pub(crate) struct Listing<'n> {
+    targets: &'n Names,
+    lookup: Lookup,
+    fewest_rows: u64,
+    first: u64,
+    line: u64,
+    list: Vec<Span>,
+}
+
+/// Why a look through a file ends early.
+pub(crate) enum Stop {
+    /// Rows of a target do not stand together, or a closer look is needed.
+    Apart,
+    Failed(BuildError),
+}
+
+impl<'n> Listing<'n> {
+    /// No spans yet; `first` is the first line of the first.
+    pub fn new(targets: &'n Names, fewest_rows: u64, first: u64) -> Listing<'n> {
+        Listing { targets, lookup: Lookup::default(), fewest_rows, first, line: first, list: Vec::new() }
+    }
+
+    /// Adds the next lines, to the last span where these `join` it and the target is the same; whether there is a new span.
+    pub fn add(&mut self, name: &str, lines: u64, join: bool) -> bool {
+        let target = self.lookup.id(self.targets, name);
+        let line = self.line;
+        self.line += lines;
+        match self.list.last_mut() {
+            Some(last) if join && last.target == target => {
+                last.lines += lines;
+                false
+            }
+            _ => {
+                self.list.push(Span { target, line, lines });
+                true
+            }
+        }
+    }
+
+    /// # Errors
+    /// [`Stop::Apart`] when spans have too few rows on average.
+    pub fn check(&self) -> Result<(), Stop> {
+        // One target more than its rows may have come in.
+        let fewest = self.fewest_rows.saturating_mul((self.list.len() as u64).saturating_sub(1));
+        if self.line - self.first < fewest { Err(Stop::Apart) } else { Ok(()) }
+    }
+
+    /// All spans, unless the look ended early.
+    pub fn finish(self, looked: Result<(), Stop>) -> Result<Option<Vec<Span>>, BuildError> {
+        match looked {
+            Ok(()) => Ok(Some(self.list)),
+            Err(Stop::Apart) => Ok(None),
+            Err(Stop::Failed(error)) => Err(error),
+        }
+    }
+}
+
+/// The spans of a text file, in its order.
 pub(crate) struct Spans {
     pub list: Vec<Span>,
+    /// Where each begins, and how long it is.
+    bytes: Vec<(u64, u64)>,
     rows: Rows,
 }
 
@@ -46,6 +103,8 @@ enum Rows {
 /// What a thread keeps while it reads spans.
 #[derive(Default)]
 pub(crate) struct Reading {
+    /// The table, opened once more: where a file is read is not shared.
+    file: Option<File>,
     bytes: Vec<u8>,
     keys: Option<ndjson::Keys>,
 }
@@ -122,59 +181,53 @@ impl Spans {
             let pieces = pieces(bytes, &glance).map(|pieces| pieces.iter().map(Piece::owned).collect::<Vec<_>>());
             Ok((pieces, block.end))
         };
-        let mut list: Vec<Span> = Vec::new();
-        let (mut from, mut line, mut lookup) = (end as u64, line + 1, Lookup::default());
-        let first_line = line;
+        let mut list = Listing::new(targets, fewest_rows, line + 1);
+        let (mut from, mut places) = (end as u64, Vec::new());
         let take = |worked: io::Result<(Found, u64)>| {
             let (pieces, done) = worked.map_err(|e| Stop::Failed(failed(e)))?;
             for (name, bytes, lines) in pieces.ok_or(Stop::Apart)? {
-                let target = lookup.id(targets, &name);
-                match list.last_mut() {
-                    Some(last) if last.target == target => {
-                        last.bytes += bytes;
-                        last.lines += lines;
-                    }
-                    _ => list.push(Span { target, from, bytes, line, lines }),
+                match (list.add(&name, lines, true), places.last_mut()) {
+                    (false, Some((_, of_last))) => *of_last += bytes,
+                    _ => places.push((from, bytes)),
                 }
                 from += bytes;
-                line += lines;
             }
             progress(done, total);
-            // One target more than its rows may have come in.
-            let fewest = fewest_rows.saturating_mul((list.len() as u64).saturating_sub(1));
-            if line - first_line < fewest { Err(Stop::Apart) } else { Ok(()) }
+            list.check()
         };
         let kept = || (None, Vec::new());
-        match ordered(rayon::current_num_threads(), kept, || Ok(blocks.next()), work, take) {
-            Ok(()) => Ok(Some(Spans { list, rows })),
-            Err(Stop::Apart) => Ok(None),
-            Err(Stop::Failed(error)) => Err(error),
-        }
+        let found = ordered(rayon::current_num_threads(), kept, || Ok(blocks.next()), work, take);
+        Ok(list.finish(found)?.map(|list| Spans { list, bytes: places, rows }))
     }
 
-    /// Reads the lines of a span into `sink`.
+    /// Reads the lines of a span, given by its number, into `sink`.
     ///
     /// # Errors
     /// [`BuildError`] when the file cannot be read or is another one by now, when an object has a key that the first has not, and from `sink`.
     pub fn read<S: TableSink>(
         &self,
-        span: &Span,
-        (name, file): (&Path, &mut File),
+        span: usize,
+        name: &Path,
         kept: &mut Reading,
         sink: &mut S,
     ) -> Result<(), BuildError> {
         let failed = |e: io::Error| unreadable(name, &e);
-        let Reading { bytes, keys } = kept;
+        let Reading { file, bytes, keys } = kept;
+        let file = match file {
+            Some(file) => file,
+            None => file.insert(File::open(name).map_err(failed)?),
+        };
+        let ((from, length), line) = (self.bytes[span], self.list[span].line);
         bytes.clear();
-        file.seek(SeekFrom::Start(span.from)).map_err(failed)?;
-        file.take(span.bytes).read_to_end(bytes).map_err(failed)?;
+        file.seek(SeekFrom::Start(from)).map_err(failed)?;
+        file.take(length).read_to_end(bytes).map_err(failed)?;
         match &self.rows {
             Rows::Csv(columns) => {
                 let text = std::str::from_utf8(bytes).map_err(|e| failed(io::Error::other(e)))?;
-                csv::cut_rows(text, span.line, *columns, name, sink).1
+                csv::cut_rows(text, line, *columns, name, sink).1
             }
             Rows::Ndjson(first) => {
-                ndjson::read_span(bytes, (name, span.line), keys.get_or_insert_with(|| first.fork()), sink)
+                ndjson::read_span(bytes, (name, line), keys.get_or_insert_with(|| first.fork()), sink)
             }
         }
     }
@@ -256,12 +309,6 @@ fn whole_lines(file: &mut File, part: Range<u64>, is_first: bool, bytes: &mut Ve
         }
     }
     Ok(())
-}
-
-/// Why a look through a file ends early.
-enum Stop {
-    Apart,
-    Failed(BuildError),
 }
 
 /// The spans of whole lines; `None` where CSV has a quote, or the first line of a span no name that a glance finds.

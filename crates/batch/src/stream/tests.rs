@@ -12,12 +12,16 @@ use fixtrail_track::pipeline::track;
 use fixtrail_track::registry;
 use fixtrail_track::spec::{self, Spec};
 use fixtrail_track::trackers::LaggedMode;
+use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int64Type};
+use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::parser::parse_message_type;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use tempfile::TempDir;
 
 /// Little room for everything: many runs, most of them spilled, and targets that are tracked in parts.
-const TIGHT: Room = Room { run_words: 400, kept_words: 900, long: 23, fewest_rows: u64::MAX };
+const TIGHT: Room = Room { run_words: 400, kept_words: 900, long: 23, fewest_rows: u64::MAX, loaded_words: 0 };
 /// Targets are tracked out of the file wherever that is possible.
 const TOGETHER: Room = Room { fewest_rows: 1, ..Room::BOUNDED };
 
@@ -88,7 +92,7 @@ struct Case {
 }
 
 impl Case {
-    fn new(name: &str, text: &str, spec: Spec) -> Case {
+    fn new(name: &str, text: &(impl AsRef<[u8]> + ?Sized), spec: Spec) -> Case {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join("anchors.csv"), "anchor,x,y\nA0,0,0\nA1,8,0\nA2,0,8\nA3,8,8\n").unwrap();
         let input = Input::File(folder.path().join(name));
@@ -145,9 +149,10 @@ impl Case {
             });
             outcome.map(|outcome| (outcome, fs::read(self.output("trail.csv").0).unwrap()))
         };
-        let outcome = together(1);
-        assert_eq!(outcome, together(3));
-        let Some((outcome, trail)) = outcome else { return false };
+        let (one, three) = (together(1), together(3));
+        assert_eq!(one.as_ref().map(|(outcome, _)| outcome), three.as_ref().map(|(outcome, _)| outcome));
+        assert!(one == three, "trails depend on the number of threads");
+        let Some((outcome, trail)) = one else { return false };
         let sorted = self.run("trail.csv", 1, |run| {
             track_sorted(run, &AnchorIds::new(run.anchors), Room::BOUNDED, &|_, _, _| {}).unwrap()
         });
@@ -379,6 +384,98 @@ fn targets_whose_rows_stand_together_are_tracked_out_of_the_file() {
         })
         .collect();
     assert!(Case::new("m.csv", &table("t,target,anchor,value", &anchored), spec_of(EKF, false, RANGES)).is_together());
+}
+
+/// Rows `t,target,x,y` as a Parquet file of row groups of so many rows; an empty cell is a null, and targets may be whole numbers.
+fn parquet_of(rows: &[String], group: usize, numbered: bool) -> Vec<u8> {
+    let target = if numbered { "optional int64 target" } else { "optional byte_array target (UTF8)" };
+    let schema = format!("message m {{ required double t; {target}; optional double x; optional double y; }}");
+    let schema = Arc::new(parse_message_type(&schema).unwrap());
+    let cells = |of: &[String], i: usize| -> (Vec<String>, Vec<i16>) {
+        let all: Vec<String> = of.iter().map(|row| row.split(',').nth(i).unwrap().to_owned()).collect();
+        let levels = all.iter().map(|cell| i16::from(!cell.is_empty())).collect();
+        (all.into_iter().filter(|cell| !cell.is_empty()).collect(), levels)
+    };
+    let mut bytes = Vec::new();
+    let mut file = SerializedFileWriter::new(&mut bytes, schema, Arc::default()).unwrap();
+    for of in rows.chunks(group) {
+        let mut columns = file.next_row_group().unwrap();
+        for i in 0..4 {
+            let (cells, levels) = cells(of, i);
+            let levels = (i > 0).then_some(levels.as_slice());
+            let numbers = || -> Vec<f64> { cells.iter().map(|cell| cell.parse().unwrap()).collect() };
+            let mut column = columns.next_column().unwrap().unwrap();
+            match (i, numbered) {
+                (1, false) => {
+                    let texts: Vec<ByteArray> = cells.iter().map(|cell| ByteArray::from(cell.as_str())).collect();
+                    column.typed::<ByteArrayType>().write_batch(&texts, levels, None).unwrap();
+                }
+                (1, true) => {
+                    let ids: Vec<i64> = cells.iter().map(|cell| cell.parse().unwrap()).collect();
+                    column.typed::<Int64Type>().write_batch(&ids, levels, None).unwrap();
+                }
+                _ => {
+                    column.typed::<DoubleType>().write_batch(&numbers(), levels, None).unwrap();
+                }
+            }
+            column.close().unwrap();
+        }
+        columns.close().unwrap();
+    }
+    file.close().unwrap();
+    bytes
+}
+
+#[test]
+fn row_groups_of_targets_whose_rows_stand_together_are_loaded_when_they_are_needed() {
+    let rows = together(&mut Random(9));
+    for (group, numbered) in [(100_000, false), (500, false), (90, true)] {
+        let file = parquet_of(&rows, group, numbered);
+        let case = Case::new("m.parquet", &file, spec_of(KALMAN, true, POSITIONS));
+        assert!(case.is_together(), "groups of {group}");
+        case.agrees();
+        assert!(Case::new("m.parquet", &file, spec_of(RTS, false, POSITIONS)).is_together());
+    }
+}
+
+#[test]
+fn row_groups_are_not_loaded_where_targets_are_apart_or_there_is_no_room() {
+    let mut random = Random(10);
+    let rows = together(&mut random);
+    let case =
+        |rows: &[String]| Case::new("m.parquet", &parquet_of(rows, 500, false), spec_of(KALMAN, true, POSITIONS));
+    let tight = Room { loaded_words: 1000, ..TOGETHER };
+    let run = |room: Room| {
+        case(&rows).run("trail.csv", 2, |run| {
+            track_grouped(run, &AnchorIds::new(run.anchors), room, &|_, _, _| {}).unwrap().is_some()
+        })
+    };
+    assert!(run(TOGETHER) && !run(tight) && !run(Room { fewest_rows: 200, ..TOGETHER }));
+
+    // A row of another target where no glance falls: these fall on rows 0, 64 and 128.
+    let alone: Vec<String> = (0..200).map(|i| format!("{i}.5,a,{i}.25,1.0")).collect();
+    let with = |at: usize, row: &str| {
+        let mut rows = alone.clone();
+        rows.insert(at, row.to_owned());
+        case(&rows)
+    };
+    assert!(case(&alone).is_together());
+    for (at, row) in [(100, "3.75,hidden,1.0,1.0"), (100, "99.75,,1.0,1.0"), (64, "63.75,,1.0,1.0")] {
+        assert!(!with(at, row).is_together(), "{row}");
+    }
+    with(100, "3.75,hidden,1.0,1.0").agrees();
+    // Half a position is a row like any other, a number out of bounds a bad one.
+    for row in ["99.75,a,1.0,", "99.75,a,,1.0"] {
+        assert!(with(100, row).is_together(), "{row}");
+        with(100, row).agrees();
+    }
+    for (at, row) in [(100, "99.75,a,1e300,1.0"), (0, "nan,a,1.0,1.0"), (200, "1e300,a,1.0,1.0")] {
+        let mut case = with(at, row);
+        assert!(!case.is_together(), "{row}");
+        assert!(case.bounded("trail.csv", TOGETHER, 2).is_err(), "{row}");
+        case.read.skip_bad_rows = true;
+        case.agrees();
+    }
 }
 
 #[test]
