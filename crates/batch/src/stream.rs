@@ -4,7 +4,7 @@ use crate::content::AnchorIds;
 use crate::gather::{Facts, Gathered, gather};
 use crate::grouped::track_grouped;
 use crate::input::Input;
-use crate::job::{Done, Job, Worker};
+use crate::job::{self, Abreast, Done, Job, Worker};
 use crate::names::TargetId;
 use crate::options::{Counts, ReadOptions};
 use crate::ordered::ordered;
@@ -118,7 +118,7 @@ fn track_sorted(
         long: room.long,
         n: layout.n(),
         encoder: &encoder,
-        series: Series::of(run.spec),
+        series: job::series(run),
         failed: AtomicBool::new(false),
         progress,
         outcome: FileOutcome { counts: gathered.facts.counts.clone(), meta, totals: Totals::default() },
@@ -179,8 +179,8 @@ impl Writer<'_> {
         let width = facts.shape.width.max(1);
         let mut long: Option<(TargetId, Vec<u64>)> = None;
         loop {
-            let Writer { run, long: most, n, encoder, series, failed, progress, outcome, tally, unsteady } = self;
-            let worker = Worker { run, n: *n, encoder, series: series.as_ref(), failed };
+            let Writer { run, long: most, encoder, series, failed, progress, outcome, tally, unsteady, .. } = self;
+            let worker = Worker { run, encoder, series: series.as_ref(), failed };
             let next = || -> Result<Option<Job>, FileError> {
                 let mut job = Job { records: Vec::new(), targets: Vec::new() };
                 while long.is_none() && job.records.len() < GROUP_ROWS * width {
@@ -208,7 +208,13 @@ impl Writer<'_> {
                 progress(Phase::Tracking, outcome.totals.packets, facts.records);
                 Ok(())
             };
-            ordered(rayon::current_num_threads(), || (), next, |(), job| worker.job(&job, facts), take)?;
+            ordered(
+                rayon::current_num_threads(),
+                Abreast::default,
+                next,
+                |abreast, job| worker.job(&job, facts, abreast),
+                take,
+            )?;
             match long.take() {
                 None => return Ok(()),
                 Some((target, records)) => self.long(facts, merge, (target, records), sheet)?,

@@ -4,6 +4,7 @@
 //! (AVX2, AVX-512) is used without being asked for at compile time; nothing is contracted, so the estimates are the same bits on all
 //! machines, and the same as of each track alone ([`fixtrail_core::kernels::series`]).
 
+mod chains;
 mod fir;
 mod linear;
 mod tiles;
@@ -11,6 +12,7 @@ mod tracks;
 mod turns;
 mod wide;
 
+pub use chains::{Integrators, integrators, side_by_side};
 pub use fir::convolve;
 pub use linear::{Linear, linear};
 pub use tracks::{Problem, filter};

@@ -113,6 +113,15 @@ impl<S: Simd> Real for Wide<S> {
     }
 
     #[inline(always)]
+    fn over(self, divisor: f64) -> Self {
+        self.pairs(
+            self.constant(divisor),
+            #[inline(always)]
+            |simd, x, divisor| simd.div_f64s(x, divisor),
+        )
+    }
+
+    #[inline(always)]
     fn sqrt(self) -> Self {
         self.pairs(
             self,

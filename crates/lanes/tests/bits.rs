@@ -3,7 +3,7 @@
 use fixtrail_core::kernels::{Chain, Dense, Leap, Packed, Turn, series};
 use fixtrail_core::models::CoordinatedTurn;
 use fixtrail_core::{Belief, Matrix, Vector};
-use fixtrail_lanes::{Linear, Problem, Ranging, convolve, filter, linear, range};
+use fixtrail_lanes::{Integrators, Linear, Problem, Ranging, convolve, filter, integrators, linear, range};
 
 fn each_track_is_as_alone<const N: usize>() {
     for (tracks, steps) in [(1, 5), (8, 1), (8, 8), (9, 17), (31, 40)] {
@@ -127,4 +127,49 @@ fn every_instant_of_a_convolution_is_the_sum_written_out() {
         }
         assert_eq!(out[count], [7.0; 3]);
     }
+}
+
+fn each_chain_is_as_alone<const N: usize, const M: usize>() {
+    let mut start = Chain { mean: [0.0; N], cov: [[0.0; N]; N] };
+    for i in 0..N {
+        (start.mean[i], start.cov[i][i]) = (1.0 - i as f64, 25.0);
+    }
+    let problem = Integrators { psd: 0.3, var: 0.2, goes_on: false };
+    for (tracks, steps) in [(1, 5), (8, 1), (8, 8), (9, 17), (31, 40)] {
+        let input: Vec<f64> = (0..tracks * steps)
+            .flat_map(|i| {
+                let z = if i % 7 == 3 { f64::NAN } else { (i as f64 * 0.37).sin() * 5.0 };
+                [0.1 + (i % 5) as f64, z]
+            })
+            .collect();
+        let (mut out, mut beliefs) = (vec![0.0; tracks * steps * M], vec![start; tracks]);
+        integrators::<N, M>(&problem, &mut beliefs, &input, steps, &mut out);
+        for track in 0..tracks {
+            let mut belief = start;
+            for k in 0..steps {
+                let [dt_s, z] = [0, 1].map(|i| input[(track * steps + k) * 2 + i]);
+                if k > 0 {
+                    belief = belief.predict(&Leap::new(problem.psd, dt_s));
+                }
+                let (e, s) = (z - belief.mean[0], belief.cov[0][0] + problem.var);
+                belief = belief.update(z, problem.var).0;
+                let mut alone = belief.mean.to_vec();
+                (0..N).for_each(|i| alone.extend_from_slice(&belief.cov[i][i..]));
+                alone.extend([e, s]);
+                let bits =
+                    |numbers: &[f64]| numbers.iter().map(|x| x.to_bits() | u64::from(x.is_nan())).collect::<Vec<_>>();
+                let ours = &out[(track * steps + k) * M..][..M];
+                assert_eq!(bits(ours), bits(&alone), "track {track} of {tracks}, step {k} of {steps}");
+            }
+            assert_eq!(beliefs[track].mean, belief.mean, "what is known of track {track} in the end");
+            (0..N).for_each(|i| assert_eq!(beliefs[track].cov[i][i..], belief.cov[i][i..]));
+        }
+    }
+}
+
+#[test]
+fn each_chain_at_instants_of_its_own_is_as_it_would_be_alone() {
+    each_chain_is_as_alone::<1, 4>();
+    each_chain_is_as_alone::<2, 7>();
+    each_chain_is_as_alone::<3, 11>();
 }

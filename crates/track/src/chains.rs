@@ -1,7 +1,7 @@
 //! Positions of a target whose axes move apart from each other, by the kernels of the core: the same equations as the general filter, with
 //! the known zeros left out.
 //!
-//! `Chains` is what trackers step by; [`Series`] takes all positions of a target at once, and gives the same bits.
+//! `Chains` is what trackers step by; [`Series`] takes all positions of some targets at once, and gives the same bits.
 
 use crate::error::StepError;
 use crate::fix::Status;
@@ -14,6 +14,9 @@ use crate::trail::Trail;
 use fixtrail_core::estimators::kalman::{Evidence, MISFIT};
 use fixtrail_core::kernels::{Chain, Leap};
 use fixtrail_core::{Belief, Row};
+use fixtrail_lanes::{Integrators, integrators};
+
+pub use fixtrail_lanes::side_by_side;
 
 /// The model of a spec whose axes are chains of integrators, each measured by its position alone.
 pub(crate) fn kinematic(spec: &Spec) -> Option<(&KinematicSpec, f64)> {
@@ -133,7 +136,7 @@ fn measure<const O: usize>(
     Ok(next)
 }
 
-/// All positions of a target at once, for a spec whose trackers have one fix per instant and nothing else to say.
+/// All positions of some targets at once, side by side, for a spec whose trackers have one fix per instant and nothing else to say.
 #[derive(Clone, Debug)]
 pub struct Series {
     axes: usize,
@@ -143,6 +146,22 @@ pub struct Series {
     mean: Vec<f64>,
     /// Row by row.
     cov: Vec<f64>,
+}
+
+/// The positions of a target.
+#[derive(Clone, Copy, Debug)]
+pub struct Positions<'a> {
+    /// Instants, growing.
+    pub t_s: &'a [f64],
+    /// Their coordinates, instant by instant.
+    pub positions: &'a [f64],
+}
+
+/// Room that calls of [`Series::track`] need, for the next one.
+#[derive(Debug, Default)]
+pub struct Room {
+    input: Vec<f64>,
+    out: Vec<f64>,
 }
 
 impl Series {
@@ -172,79 +191,149 @@ impl Series {
         self.axes
     }
 
-    /// Appends the fixes of a target to `trail`: `t_s` are the instants, growing, `positions` their coordinates, instant by instant.
-    ///
-    /// # Errors
-    /// The number of the instant that cannot be taken, and why; `trail` holds those before.
+    /// Hands the trail of each target to `take`, in their order, with the number of its first instant that cannot be taken, if there is one, and
+    /// why: the trail holds those before.
     ///
     /// # Panics
     /// When there are not as many coordinates as instants ask for.
-    pub fn track(&self, t_s: &[f64], positions: &[f64], trail: &mut Trail) -> Result<(), (usize, StepError)> {
-        assert_eq!(positions.len(), self.axes * t_s.len(), "coordinates of positions");
+    pub fn track(
+        &self,
+        targets: &[Positions<'_>],
+        room: &mut Room,
+        take: impl FnMut(Trail, Result<(), (usize, StepError)>),
+    ) {
+        for target in targets {
+            assert_eq!(target.positions.len(), self.axes * target.t_s.len(), "coordinates of positions");
+        }
         match (self.axes, self.order) {
-            (1, 1) => self.run::<1, 1, 1>(t_s, positions, trail),
-            (2, 1) => self.run::<2, 1, 2>(t_s, positions, trail),
-            (3, 1) => self.run::<3, 1, 3>(t_s, positions, trail),
-            (1, 2) => self.run::<1, 2, 2>(t_s, positions, trail),
-            (2, 2) => self.run::<2, 2, 4>(t_s, positions, trail),
-            (3, 2) => self.run::<3, 2, 6>(t_s, positions, trail),
-            (1, _) => self.run::<1, 3, 3>(t_s, positions, trail),
-            (2, _) => self.run::<2, 3, 6>(t_s, positions, trail),
-            _ => self.run::<3, 3, 9>(t_s, positions, trail),
+            (1, 1) => self.run::<1, 1, 1, 4>(targets, room, take),
+            (2, 1) => self.run::<2, 1, 2, 4>(targets, room, take),
+            (3, 1) => self.run::<3, 1, 3, 4>(targets, room, take),
+            (1, 2) => self.run::<1, 2, 2, 7>(targets, room, take),
+            (2, 2) => self.run::<2, 2, 4, 7>(targets, room, take),
+            (3, 2) => self.run::<3, 2, 6, 7>(targets, room, take),
+            (1, _) => self.run::<1, 3, 3, 11>(targets, room, take),
+            (2, _) => self.run::<2, 3, 6, 11>(targets, room, take),
+            _ => self.run::<3, 3, 9, 11>(targets, room, take),
         }
     }
 
-    fn run<const A: usize, const O: usize, const N: usize>(
+    /// `A` axes of `O` derivatives, `N` states, `M` numbers of an instant of one axis.
+    fn run<const A: usize, const O: usize, const N: usize, const M: usize>(
         &self,
-        t_s: &[f64],
-        positions: &[f64],
-        trail: &mut Trail,
-    ) -> Result<(), (usize, StepError)> {
-        let mut chains: [Chain<f64, O>; A] = core::array::from_fn(|axis| {
-            let mut chain = Chain { mean: [0.0; O], cov: [[0.0; O]; O] };
-            for i in 0..O {
-                chain.mean[i] = self.mean[i * A + axis];
-                for j in i..O {
-                    chain.cov[i][j] = self.cov[(i * A + axis) * N + j * A + axis];
+        targets: &[Positions<'_>],
+        room: &mut Room,
+        mut take: impl FnMut(Trail, Result<(), (usize, StepError)>),
+    ) {
+        let longest = targets.iter().map(|target| target.t_s.len()).max().unwrap_or(0);
+        let trail = |target: &Positions<'_>| {
+            let mut trail = Trail::new(N, false);
+            trail.reserve(target.t_s.len());
+            (trail, Ok(()))
+        };
+        let mut trails: Vec<_> = targets.iter().map(trail).collect();
+        let mut axes: [Vec<Chain<f64, O>>; A] =
+            core::array::from_fn(|axis| vec![self.start::<A, O, N>(axis); targets.len()]);
+        for from in (0..longest).step_by(STRETCH) {
+            let steps = STRETCH.min(longest - from);
+            let instants = targets.len() * steps;
+            let Room { input, out } = room;
+            input.resize(2 * instants, 0.0);
+            out.resize(A * M * instants, 0.0);
+            for (axis, (tracks, out)) in axes.iter_mut().zip(out.chunks_exact_mut(M * instants)).enumerate() {
+                for (target, input) in targets.iter().zip(input.chunks_exact_mut(2 * steps)) {
+                    target.stretch::<A>(from, axis, input.as_chunks_mut::<2>().0);
                 }
+                let problem = Integrators { psd: self.psd[axis], var: self.sd * self.sd, goes_on: from > 0 };
+                integrators::<O, M>(&problem, tracks, input, steps, out);
             }
-            chain
-        });
-        let var = self.sd * self.sd;
-        let mut leaps: [Leap<f64, O>; A] = core::array::from_fn(|axis| Leap::new(self.psd[axis], 0.0));
-        let (mut before, mut dt_s) = (None, 0.0);
-        trail.reserve(t_s.len());
-        for (k, (now, position)) in t_s.iter().zip(positions.chunks_exact(A)).enumerate() {
-            if let Some(before) = before {
-                let dt: f64 = now - before;
-                if dt != dt_s {
-                    dt_s = dt;
-                    leaps = core::array::from_fn(|axis| Leap::new(self.psd[axis], dt_s));
-                }
-                for axis in 0..A {
-                    chains[axis] = chains[axis].predict(&leaps[axis]);
-                }
+            for (i, (target, (trail, end))) in targets.iter().zip(&mut trails).enumerate() {
+                let Some(t_s) = target.t_s.get(from..).filter(|_| end.is_ok()) else { continue };
+                let of_axis = |axis: usize| &out[M * (axis * instants + i * steps)..][..M * steps];
+                *end = append::<A, O, N, M>(trail, &t_s[..steps.min(t_s.len())], core::array::from_fn(of_axis));
             }
-            before = Some(now);
-            let (mut next, mut evidence) = (chains, Evidence::default());
-            for axis in 0..A {
-                next[axis] =
-                    measure(&chains[axis], position[axis], var, &mut evidence).map_err(|e| (k, StepError::Core(e)))?;
-            }
-            chains = next;
-            let mut mean = [0.0; N];
-            let mut packed = [0.0; 45];
-            for (axis, chain) in chains.iter().enumerate() {
-                for i in 0..O {
-                    mean[i * A + axis] = chain.mean[i];
-                    for j in i..O {
-                        packed[Trail::packed_index(N, i * A + axis, j * A + axis)] = chain.cov[i][j];
-                    }
-                }
-            }
-            let packed = &packed[..Trail::packed_len(N)];
-            trail.push(k as u64, *now, &mean, packed, Status::Updated, (evidence.nis, evidence.dof));
         }
-        Ok(())
+        trails.into_iter().for_each(|(trail, end)| take(trail, end));
     }
+
+    /// What is known of an axis at the first instant.
+    fn start<const A: usize, const O: usize, const N: usize>(&self, axis: usize) -> Chain<f64, O> {
+        let mut chain = Chain { mean: [0.0; O], cov: [[0.0; O]; O] };
+        for i in 0..O {
+            chain.mean[i] = self.mean[i * A + axis];
+            for j in i..O {
+                chain.cov[i][j] = self.cov[(i * A + axis) * N + j * A + axis];
+            }
+        }
+        chain
+    }
+}
+
+/// Instants of a call: what they bring stays in the innermost cache.
+const STRETCH: usize = 64;
+
+impl Positions<'_> {
+    /// The seconds since the instant before and the position on an axis, of the instants from one on; lost where there are no more.
+    fn stretch<const A: usize>(&self, from: usize, axis: usize, out: &mut [[f64; 2]]) {
+        let there = out.len().min(self.t_s.len().saturating_sub(from));
+        let mut before = if from > 0 && there > 0 { self.t_s[from - 1] } else { 0.0 };
+        for (k, out) in out[..there].iter_mut().enumerate() {
+            let now = self.t_s[from + k];
+            *out = [now - before, self.positions[(from + k) * A + axis]];
+            before = now;
+        }
+        out[there..].fill([0.0, f64::NAN]);
+    }
+}
+
+/// Appends the fixes of some instants from what [`integrators`] says of each axis, as far as that can be taken.
+fn append<const A: usize, const O: usize, const N: usize, const M: usize>(
+    trail: &mut Trail,
+    t_s: &[f64],
+    axes: [&[f64]; A],
+) -> Result<(), (usize, StepError)> {
+    let axes = axes.map(|axis| axis.as_chunks::<M>().0);
+    for (k, now) in t_s.iter().enumerate() {
+        let (mut mean, mut packed, mut nis) = ([0.0; N], [0.0; 45], 0.0);
+        for (axis, instants) in axes.iter().enumerate() {
+            let instant = &instants[k];
+            if let Err(error) = check::<O, M>(instant) {
+                return Err((trail.len(), StepError::Core(error)));
+            }
+            let mut at = O;
+            for i in 0..O {
+                mean[i * A + axis] = instant[i];
+                for j in i..O {
+                    packed[Trail::packed_index(N, i * A + axis, j * A + axis)] = instant[at];
+                    at += 1;
+                }
+            }
+            let (e, s) = (instant[M - 2], instant[M - 1]);
+            nis += e * e / s;
+        }
+        let packed = &packed[..Trail::packed_len(N)];
+        trail.push(trail.len() as u64, *now, &mean, packed, Status::Updated, (nis, A as u32));
+    }
+    Ok(())
+}
+
+/// Whether an update can be taken, as [`measure`] has it.
+#[inline(always)]
+fn check<const O: usize, const M: usize>(instant: &[f64; M]) -> Result<(), fixtrail_core::StepError> {
+    let (e, s) = (instant[M - 2], instant[M - 1]);
+    if !e.is_finite() {
+        return Err(fixtrail_core::StepError::NotFinite { component: 0 });
+    }
+    if !(s > 0.0 && s.is_finite()) {
+        return Err(fixtrail_core::StepError::InnovationVariance { var: s });
+    }
+    // Diagonal elements stand `O`, `O − 1`, … apart.
+    let mut at = O;
+    for component in 0..O {
+        if !(instant[component].is_finite() && instant[at].is_finite()) {
+            return Err(fixtrail_core::StepError::NotFinite { component });
+        }
+        at += O - component;
+    }
+    Ok(())
 }

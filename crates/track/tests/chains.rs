@@ -1,7 +1,8 @@
 //! Axes apart from each other: the kernels against the general filter, and a whole series against step by step.
 
 use fixtrail_track::anchors::Anchors;
-use fixtrail_track::chains::Series;
+use fixtrail_track::chains::{Positions, Room, Series};
+use fixtrail_track::error::StepError;
 use fixtrail_track::packet::{Content, Packet};
 use fixtrail_track::pipeline::track;
 use fixtrail_track::spec::{self, Spec};
@@ -101,21 +102,70 @@ fn kernels_agree_with_the_general_filter() {
     }
 }
 
+/// The trails of a series, and where each of them ended.
+fn series(spec: &Spec, targets: &[(Vec<f64>, Vec<f64>)]) -> Vec<(Trail, Result<(), (usize, StepError)>)> {
+    let all: Vec<Positions<'_>> = targets.iter().map(|(t_s, positions)| Positions { t_s, positions }).collect();
+    let mut trails = Vec::new();
+    // Room that other targets have had says nothing of these.
+    let mut room = Room::default();
+    Series::of(spec).unwrap().track(&all, &mut room, |_, _| {});
+    Series::of(spec).unwrap().track(&all[..all.len() / 2], &mut room, |_, _| {});
+    Series::of(spec).unwrap().track(&all, &mut room, |trail, end| trails.push((trail, end)));
+    trails
+}
+
+fn numbers(packets: &TargetPackets) -> (Vec<f64>, Vec<f64>) {
+    let t_s = packets.packets.iter().map(|p| p.t_s).collect();
+    (t_s, packets.packets.iter().flat_map(|p| p.content.values().flatten().collect::<Vec<_>>()).collect())
+}
+
 #[test]
 fn a_series_gives_the_bits_of_its_steps() {
     let mut rng = Pcg64::new(2, 1);
     for model in 0..3 {
         for axes in 1..=3 {
             let spec = spec(model, axes, true, "");
-            let packets = packets(&mut rng, axes, true);
-            let t_s: Vec<f64> = packets.packets.iter().map(|p| p.t_s).collect();
-            let positions: Vec<f64> =
-                packets.packets.iter().flat_map(|p| p.content.values().flatten().collect::<Vec<_>>()).collect();
-            let series = Series::of(&spec).unwrap();
-            let steps = trail(&spec, &packets);
-            let mut at_once = Trail::new(steps.n(), false);
-            series.track(&t_s, &positions, &mut at_once).unwrap();
-            assert_eq!(at_once, steps);
+            // Some that fill the registers, some that do not, of different lengths and at other instants each.
+            let mut targets: Vec<TargetPackets> = (0..21).map(|_| packets(&mut rng, axes, true)).collect();
+            targets.iter_mut().enumerate().for_each(|(i, target)| target.packets.truncate((i * 37) % 121));
+            let all: Vec<_> = targets.iter().map(numbers).collect();
+            for (i, (trail, end)) in series(&spec, &all).into_iter().enumerate() {
+                assert!(end.is_ok());
+                assert_eq!(trail, self::trail(&spec, &targets[i]), "target {i}");
+            }
+            assert!(series(&spec, &[]).is_empty() && series(&spec, &[Default::default()])[0].0.is_empty());
+        }
+    }
+}
+
+#[test]
+fn a_series_ends_where_its_steps_end() {
+    let spec = spec(1, 2, true, "");
+    let mut rng = Pcg64::new(3, 1);
+    let targets: Vec<TargetPackets> = (0..9).map(|_| packets(&mut rng, 2, true)).collect();
+    let sound: Vec<_> = targets.iter().map(numbers).collect();
+    let plain = series(&spec, &sound);
+    // A position, its innovation or the covariance that is too large a number.
+    for (row, t_s, position, component) in [(7, 0.0, f64::INFINITY, 0), (7, 0.0, f64::NAN, 0), (4, 1e200, 1.0, 0)] {
+        let mut broken = sound.clone();
+        broken[5].1[2 * row + 1] = position;
+        broken[5].0[row..].iter_mut().for_each(|now| *now += t_s);
+        for (i, (trail, end)) in series(&spec, &broken).into_iter().enumerate() {
+            if i != 5 {
+                assert_eq!((trail, end), plain[i], "target {i}");
+                continue;
+            }
+            assert_eq!(trail.len(), row);
+            let (at, error) = end.unwrap_err();
+            let core = match error {
+                StepError::Core(core) => core,
+                other => panic!("{other}"),
+            };
+            assert_eq!(at, row);
+            match t_s {
+                0.0 => assert_eq!(core, fixtrail_core::StepError::NotFinite { component }),
+                _ => assert!(matches!(core, fixtrail_core::StepError::InnovationVariance { .. }), "{core}"),
+            }
         }
     }
 }

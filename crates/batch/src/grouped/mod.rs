@@ -14,7 +14,7 @@ use crate::formats::parquet::{Reader, groups::Groups};
 use crate::formats::spans::{Reading, Span, Spans};
 use crate::gather::Facts;
 use crate::input::Input;
-use crate::job::{Done, Job, Worker};
+use crate::job::{self, Abreast, Done, Job, Worker};
 use crate::names::{Names, TargetId};
 use crate::options::Counts;
 use crate::ordered::ordered;
@@ -28,7 +28,6 @@ use crate::table::TableMeta;
 use crate::time::TimeForm;
 use crate::totals::Totals;
 use crate::write::{Encoder, GROUP_ROWS, OutFormat, Output, Sheet, WriteError, place};
-use fixtrail_track::chains::Series;
 use fixtrail_track::error::BuildError;
 use fixtrail_track::registry;
 use fixtrail_track::trackers::LaggedMode;
@@ -106,9 +105,15 @@ fn track(
     let meta = TableMeta { time: TimeForm::Seconds, origin: None, has_target: true };
     let has_lagged = run.lagged == LaggedMode::Both;
     let encoder = Encoder::new(run.output.name(), &layout, meta, has_lagged, run.write)?;
-    let (series, failed) = (Series::of(run.spec), AtomicBool::new(false));
-    let worker = Worker { run, n: layout.n(), encoder: &encoder, series: series.as_ref(), failed: &failed };
-    let keep = || Kept { part: part.fork(), reading: Reading::default(), reader: None, words: Vec::new() };
+    let (series, failed) = (job::series(run), AtomicBool::new(false));
+    let worker = Worker { run, encoder: &encoder, series: series.as_ref(), failed: &failed };
+    let keep = || Kept {
+        part: part.fork(),
+        reading: Reading::default(),
+        reader: None,
+        words: Vec::new(),
+        abreast: Abreast::default(),
+    };
 
     let (mut common, mut totals, mut tally) = (Common::new(path), Totals::default(), Tally::default());
     place::write(run.output, |to| {
@@ -227,6 +232,7 @@ struct Kept<'a> {
     reading: Reading,
     reader: Option<Reader>,
     words: Vec<u64>,
+    abreast: Abreast,
 }
 
 /// What all pieces share.
@@ -267,7 +273,7 @@ impl<'a> Desk<'a> {
         match (piece, &self.found) {
             (Piece::Track(job), _) => {
                 let job = self.job(kept, &targets[job], &mut seen)?;
-                let done = worker.job(&job, self.facts);
+                let done = worker.job(&job, self.facts, &mut kept.abreast);
                 kept.words = job.records;
                 Some((seen, Some(done)))
             }
@@ -288,7 +294,7 @@ impl<'a> Desk<'a> {
 
     /// Reads some targets; what was seen is added to `seen`. `None` as [`work`](Desk::work).
     fn job(&self, kept: &mut Kept<'_>, targets: &[Target], seen: &mut Vec<Block>) -> Option<Job> {
-        let Kept { part, reading, reader, words } = kept;
+        let Kept { part, reading, reader, words, .. } = kept;
         let (shape, mut records) = (&self.facts.shape, std::mem::take(words));
         let mut spans = targets.iter().flat_map(|(_, spans)| spans.iter().copied());
         match &self.found {

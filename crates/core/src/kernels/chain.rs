@@ -29,20 +29,7 @@ impl<const N: usize> Leap<f64, N> {
     /// When `N` is not 1, 2 or 3.
     #[inline]
     pub fn new(psd: f64, dt_s: f64) -> Self {
-        const { assert!(N >= 1 && N <= 3, "a chain of 1, 2 or 3 integrators") };
-        let mut step = [1.0; N];
-        for i in 1..N {
-            step[i] = step[i - 1] * dt_s / i as f64;
-        }
-        let mut q = [[0.0; N]; N];
-        for i in 0..N {
-            for j in i..N {
-                let (a, b) = (N - 1 - i, N - 1 - j);
-                // dt^a/a! · dt^b/b! · dt/(a+b+1), each from the first row of F.
-                q[i][j] = psd * step[a] * step[b] * dt_s / (a + b + 1) as f64;
-            }
-        }
-        Leap { drift: Drift(step), q }
+        Leap::over(psd, dt_s)
     }
 
     /// Returns the motion over `dt_s` seconds with any noise covariance `q`, of which the upper triangle is taken.
@@ -103,6 +90,28 @@ impl<T: Real, const N: usize> Chain<T, N> {
 }
 
 impl<T: Real, const N: usize> Leap<T, N> {
+    /// Returns the motion of [`Leap::new`], of one track or of each of several.
+    ///
+    /// # Panics
+    /// As [`Leap::new`].
+    #[inline(always)]
+    pub fn over(psd: T, dt_s: T) -> Self {
+        const { assert!(N >= 1 && N <= 3, "a chain of 1, 2 or 3 integrators") };
+        let mut step = [dt_s.one(); N];
+        for i in 1..N {
+            step[i] = (step[i - 1] * dt_s).over(i as f64);
+        }
+        let mut q = [[dt_s.zero(); N]; N];
+        for i in 0..N {
+            for j in i..N {
+                let (a, b) = (N - 1 - i, N - 1 - j);
+                // dt^a/a! · dt^b/b! · dt/(a+b+1), each from the first row of F.
+                q[i][j] = (psd * step[a] * step[b] * dt_s).over((a + b + 1) as f64);
+            }
+        }
+        Leap { drift: Drift(step), q }
+    }
+
     /// Returns F x.
     #[inline(always)]
     pub fn moved(&self, mean: &[T; N]) -> [T; N] {

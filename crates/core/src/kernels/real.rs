@@ -24,6 +24,9 @@ pub trait Real: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Se
     /// 1/x.
     fn inverse(self) -> Self;
 
+    /// x/divisor.
+    fn over(self, divisor: f64) -> Self;
+
     /// √x.
     fn sqrt(self) -> Self;
 
@@ -49,6 +52,11 @@ impl Real for f64 {
     #[inline(always)]
     fn inverse(self) -> f64 {
         1.0 / self
+    }
+
+    #[inline(always)]
+    fn over(self, divisor: f64) -> f64 {
+        self / divisor
     }
 
     #[inline(always)]
