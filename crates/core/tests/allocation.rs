@@ -131,14 +131,14 @@ fn diffuse_does_not_allocate() {
 #[test]
 fn varying_windows_do_not_allocate() {
     let (paper, leap) = paper();
-    for window in [10, 40] {
+    for (window, lag) in [(10, 0), (10, 3), (40, 0), (40, 3)] {
         let mut held = Varying::<3, Heap>::new(window + 1).unwrap();
         assert_silent("varying", |k| {
             let mut rows = [row(&paper, k)];
             let count = usize::from(k % 4 != 0);
             held.push(&leap, &mut rows[..count]).unwrap();
             held.drop_front(held.len().saturating_sub(window));
-            let joint = held.filtered(3);
+            let joint = held.filtered(lag);
             assert!(k < 5 || posterior_nis(&joint.filter.unwrap(), &mut rows[..count]).is_some() == (count > 0));
         });
     }
@@ -147,10 +147,10 @@ fn varying_windows_do_not_allocate() {
 #[test]
 fn invariant_windows_do_not_allocate() {
     let (paper, leap) = paper();
-    for window in [15, 40] {
+    for (window, lag) in [(15, 5), (40, 5), (15, 0), (40, 0), (200, 0)] {
         for every in [usize::MAX, 9, 2] {
             let model = Model { a: &leap.f, w: &leap.q, b: &[paper.c], c: &[paper.c], r: &[paper.r] };
-            let shape = Shape { window, lag: 5, align: Align::Predicted };
+            let shape = Shape { window, lag, align: Align::Predicted };
             let mut held = InvariantWindow::<3, Heap>::new(&model, shape).unwrap();
             assert_silent("invariant", |k| {
                 let z = (k % every != 1).then_some((k as f64 * 0.3).sin());

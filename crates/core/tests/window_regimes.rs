@@ -34,9 +34,9 @@ fn apart<const N: usize>(ours: &Joint<N>, reference: &Joint<N>, what: &str) -> f
 /// The run from `first` on, through a window of the given algorithms; `visit` gets the number of instants taken, and the estimate.
 struct Windows<const N: usize> {
     invariant: InvariantWindow<N, Heap>,
-    /// Aggregates in stacks from [`STACKS_FROM`] instants on.
+    /// Aggregates in stacks from [`STACKS_FROM`] instants on, or has two filters that meet where there is no lag.
     stacked: Varying<N, Heap>,
-    /// Room for one instant at first: too short for stacks, so it always passes.
+    /// Room for one instant at first: too short for filters and stacks, so it always passes.
     passed: Varying<N, Heap>,
     shape: Shape,
 }

@@ -84,6 +84,11 @@ impl<const N: usize> Joint<N> {
         Self { filter: None, lagged: None, cross: Matrix::zeros() }
     }
 
+    /// The newest state alone, as the lagged one too.
+    pub(crate) fn newest(belief: Belief<N>) -> Self {
+        Self { filter: Some(belief), lagged: Some(belief), cross: belief.cov }
+    }
+
     /// Whether what is there is numbers.
     pub(crate) fn is_finite(&self) -> bool {
         let sound = |b: &Belief<N>| crate::estimators::kalman::finite(&b.mean, &b.cov).is_ok();

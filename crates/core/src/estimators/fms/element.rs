@@ -5,8 +5,12 @@
 //! `F = F, b = B u, C = Q, η = Hᵀ R⁻¹ z, J = Hᵀ R⁻¹ H`: nothing is inverted.
 
 use crate::estimators::diffuse::Joint;
+use crate::estimators::kalman::propagate;
 use crate::linalg::{Lu, symmetrised};
 use crate::types::{Belief, Matrix, Row, Transition, Vector};
+
+/// Scaled pivot of an information matrix below which a pass over the window decides: six digits would go.
+pub const LEAST_PIVOT: f64 = 1e-6;
 
 /// A stretch of instants.
 #[derive(Clone, Copy, Debug)]
@@ -14,14 +18,29 @@ pub struct Element<const N: usize> {
     f: Matrix<N, N>,
     b: Vector<N>,
     c: Matrix<N, N>,
-    eta: Vector<N>,
-    j: Matrix<N, N>,
+    told: Information<N>,
+}
+
+/// What data say of a state, as information: `exp(ηᵀx − ½ xᵀJx)`.
+#[derive(Clone, Copy, Debug)]
+pub struct Information<const N: usize> {
+    /// `Hᵀ R⁻¹ z`.
+    pub eta: Vector<N>,
+    /// `Hᵀ R⁻¹ H`.
+    pub j: Matrix<N, N>,
+}
+
+impl<const N: usize> Information<N> {
+    /// Nothing.
+    pub fn none() -> Self {
+        Self { eta: Vector::zeros(), j: Matrix::zeros() }
+    }
 }
 
 impl<const N: usize> Element<N> {
     /// The empty stretch.
     pub fn identity() -> Self {
-        Self { f: Matrix::identity(), b: Vector::zeros(), c: Matrix::zeros(), eta: Vector::zeros(), j: Matrix::zeros() }
+        Self { f: Matrix::identity(), b: Vector::zeros(), c: Matrix::zeros(), told: Information::none() }
     }
 
     /// One instant: its rows, then the leap to the next, if there is one.
@@ -29,8 +48,8 @@ impl<const N: usize> Element<N> {
         let mut e = Self::identity();
         for row in rows {
             let w = row.h / row.var;
-            e.eta += w * row.residual;
-            e.j += w * row.h.transpose();
+            e.told.eta += w * row.residual;
+            e.told.j += w * row.h.transpose();
         }
         if let Some(leap) = leap {
             e.f = leap.f;
@@ -42,150 +61,182 @@ impl<const N: usize> Element<N> {
 
     /// The stretch `self` followed by `then`; `None` when `I + C J` is singular to working precision.
     pub fn combine(&self, then: &Self) -> Option<Self> {
-        let lu = Lu::new(Matrix::identity() + self.c * then.j)?;
+        let lu = Lu::new(Matrix::identity() + self.c * then.told.j)?;
         let t = lu.solve_transposed(then.f.transpose()).transpose();
         let u = lu.solve(self.f).transpose();
         Some(Self {
             f: t * self.f,
-            b: t * (self.b + self.c * then.eta) + then.b,
+            b: t * (self.b + self.c * then.told.eta) + then.b,
             c: symmetrised(&(t * self.c * then.f.transpose() + then.c)),
-            eta: u * (then.eta - then.j * self.b) + self.eta,
-            j: symmetrised(&(u * then.j * self.f + self.j)),
+            told: Information {
+                eta: u * (then.told.eta - then.told.j * self.b) + self.told.eta,
+                j: symmetrised(&(u * then.told.j * self.f + self.told.j)),
+            },
         })
     }
 
-    /// The stretch `self` followed by one instant, as [`combine`](Element::combine) with [`instant`](Element::instant) has it, but row by row: with
-    /// `e = z − h b` and `s = h C hᵀ + r`
+    /// Takes a row of the last instant, as [`combine`](Element::combine) with [`instant`](Element::instant) has it: with `e = z − h b`
+    /// and `s = h C hᵀ + r`
     ///
     /// ```text
     /// η += Fᵀ h e/s    J += Fᵀ h hᵀ F/s    b += C h e/s    F −= C h hᵀ F/s    C −= C h hᵀ C/s
     /// ```
-    pub fn then(&self, rows: &[Row<N>], leap: Option<&Transition<N>>) -> Self {
-        let mut all = *self;
-        for row in rows {
-            let ch = all.c * row.h;
-            let g = all.f.tr_mul(&row.h);
-            let inverse = 1.0 / (row.h.dot(&ch) + row.var);
-            let e = (row.residual - row.h.dot(&all.b)) * inverse;
-            all.eta += g * e;
-            all.b += ch * e;
-            let (gain, weight) = (ch * inverse, g * inverse);
-            for j in 0..N {
-                for i in 0..N {
-                    all.f[(i, j)] -= gain[i] * g[j];
-                }
-                // Both halves are the same product.
-                for i in 0..=j {
-                    let (c, w) = (all.c[(i, j)] - gain[i] * ch[j], all.j[(i, j)] + weight[i] * g[j]);
-                    (all.c[(i, j)], all.c[(j, i)]) = (c, c);
-                    (all.j[(i, j)], all.j[(j, i)]) = (w, w);
-                }
+    ///
+    /// Returns `s`, the variance of the innovation given the first state.
+    #[inline]
+    pub fn row(&mut self, row: &Row<N>) -> f64 {
+        let ch = self.c * row.h;
+        let g = self.f.tr_mul(&row.h);
+        let s = row.h.dot(&ch) + row.var;
+        let inverse = 1.0 / s;
+        let e = (row.residual - row.h.dot(&self.b)) * inverse;
+        self.told.eta += g * e;
+        self.b += ch * e;
+        let (gain, weight) = (ch * inverse, g * inverse);
+        for j in 0..N {
+            for i in 0..N {
+                self.f[(i, j)] -= gain[i] * g[j];
+            }
+            // Both halves are the same product.
+            for i in 0..=j {
+                let (c, w) = (self.c[(i, j)] - gain[i] * ch[j], self.told.j[(i, j)] + weight[i] * g[j]);
+                (self.c[(i, j)], self.c[(j, i)]) = (c, c);
+                (self.told.j[(i, j)], self.told.j[(j, i)]) = (w, w);
             }
         }
-        if let Some(leap) = leap {
-            all.f = leap.f * all.f;
-            all.b = leap.f * all.b + leap.next;
-            all.c = symmetrised(&(leap.f * all.c * leap.f.transpose() + leap.q));
-        }
-        all
+        s
     }
 
-    /// The estimate of the last state, the first one unknown. `None` as in [`joint`](Element::joint).
-    pub fn filtered(&self) -> Option<Belief<N>> {
-        let start = InverseRoot::new(&self.j)?;
-        let y = start.apply(&self.f);
-        let mean = self.f * start.solve(&self.eta) + self.b;
-        Some(Belief { mean, cov: symmetrised(&(self.c + y * y.transpose())) })
+    /// Moves the end to the next instant: `x⁺ = f x + offset + noise(q)`.
+    #[inline]
+    pub fn leap(&mut self, f: &Matrix<N, N>, offset: &Vector<N>, q: &Matrix<N, N>) {
+        self.f = f * self.f;
+        self.b = f * self.b + offset;
+        self.c = propagate(&self.c, f, q);
+    }
+
+    /// Moves the end to the instant before, for an element that runs against time: `x = f⁻¹ (x⁺ − offset − noise(q))`.
+    #[inline]
+    pub fn leap_back(&mut self, inverse: &Matrix<N, N>, offset: &Vector<N>, q: &Matrix<N, N>) {
+        self.f = inverse * self.f;
+        self.b = inverse * (self.b - offset);
+        self.c = propagate(&(self.c + q), inverse, &Matrix::zeros());
+    }
+
+    /// What the data say of the first state.
+    #[inline]
+    pub fn told(&self) -> &Information<N> {
+        &self.told
+    }
+
+    /// The estimate of the last state, the first one known by `past` alone. `None` when the information matrix of the first state has
+    /// a scaled pivot up to `least`: the logarithm of it is the digits that go.
+    ///
+    /// With `J + J_past = L D Lᵀ` and `Y = F L⁻ᵀ`: mean `b + Y D⁻¹ L⁻¹ (η + η_past)`, covariance `C + Y D⁻¹ Yᵀ`.
+    #[inline]
+    pub fn filtered(&self, past: &Information<N>, least: f64) -> Option<Belief<N>> {
+        let start = Root::new(&(self.told.j + past.j), least)?;
+        let y = start.right(&self.f);
+        let weighted = start.weighted(&y);
+        let mean = weighted * start.left(self.told.eta + past.eta) + self.b;
+        let mut cov = self.c;
+        for j in 0..N {
+            for i in 0..=j {
+                for k in 0..N {
+                    cov[(i, j)] += weighted[(i, k)] * y[(j, k)];
+                }
+                cov[(j, i)] = cov[(i, j)];
+            }
+        }
+        Some(Belief { mean, cov })
     }
 
     /// Estimates of the last state and of the state between `self` and `then`, the first state unknown. `None` when the information
-    /// matrix of the first state is too ill-conditioned (scaled pivot below 1e-6, where six digits would go) to be decided upon here.
+    /// matrix of the first state has a scaled pivot up to [`LEAST_PIVOT`].
     pub fn joint(&self, then: &Self) -> Option<Joint<N>> {
-        let lu = Lu::new(Matrix::identity() + self.c * then.j)?;
+        let lu = Lu::new(Matrix::identity() + self.c * then.told.j)?;
         let whole = self.combine(then)?;
-        let start = InverseRoot::new(&whole.j)?;
-        let s = start.solve(&whole.eta);
-        let y = start.apply(&whole.f);
-        let filter = Belief { mean: whole.f * s + whole.b, cov: symmetrised(&(whole.c + y * y.transpose())) };
-        let between_f = lu.solve(self.f);
+        let start = Root::new(&whole.told.j, LEAST_PIVOT)?;
+        let s = start.left(whole.told.eta);
+        let y = start.right(&whole.f);
+        let weighted = start.weighted(&y);
+        let filter = Belief { mean: weighted * s + whole.b, cov: symmetrised(&(whole.c + weighted * y.transpose())) };
         let between_c = lu.solve(self.c);
-        let y_lag = start.apply(&between_f);
+        let y_lag = start.right(&lu.solve(self.f));
+        let weighted_lag = start.weighted(&y_lag);
         let lagged = Belief {
-            mean: between_f * s + lu.solve(self.b + self.c * then.eta),
-            cov: symmetrised(&(between_c + y_lag * y_lag.transpose())),
+            mean: weighted_lag * s + lu.solve(self.b + self.c * then.told.eta),
+            cov: symmetrised(&(between_c + weighted_lag * y_lag.transpose())),
         };
-        let cross = then.f * between_c + y * y_lag.transpose();
+        let cross = then.f * between_c + weighted * y_lag.transpose();
         Some(Joint { filter: Some(filter), lagged: Some(lagged), cross })
     }
 }
 
-/// `J = D L Lᵀ D` with unit-diagonal scaling: gives `M J^{-½}` and `J⁻¹ v`.
-struct InverseRoot<const N: usize> {
-    scale: Vector<N>,
+/// `J = L D Lᵀ`, L of unit diagonal.
+struct Root<const N: usize> {
     l: Matrix<N, N>,
+    /// Diagonal of D⁻¹.
+    inverse: Vector<N>,
 }
 
-impl<const N: usize> InverseRoot<N> {
-    fn new(j: &Matrix<N, N>) -> Option<Self> {
-        let mut scale = Vector::<N>::zeros();
-        for i in 0..N {
-            let d = j[(i, i)];
-            if !(d > 0.0 && d.is_finite()) {
+impl<const N: usize> Root<N> {
+    #[inline]
+    fn new(j: &Matrix<N, N>, least: f64) -> Option<Self> {
+        let mut l = Matrix::<N, N>::identity();
+        let mut inverse = Vector::<N>::zeros();
+        for k in 0..N {
+            let mut d = j[(k, k)];
+            for m in 0..k {
+                // Entry (k, m) is still that of L D here.
+                let v = l[(k, m)] * inverse[m];
+                d -= v * l[(k, m)];
+                l[(k, m)] = v;
+            }
+            // The pivot of the matrix scaled to a diagonal of ones.
+            if !(d > least * j[(k, k)] && d.is_finite()) {
                 return None;
             }
-            scale[i] = libm::sqrt(d);
-        }
-        let mut l = Matrix::<N, N>::zeros();
-        for i in 0..N {
-            for k in 0..=i {
-                let mut sum = j[(i, k)] / (scale[i] * scale[k]);
+            inverse[k] = 1.0 / d;
+            for i in k + 1..N {
+                let mut v = j[(i, k)];
                 for m in 0..k {
-                    sum -= l[(i, m)] * l[(k, m)];
+                    v -= l[(i, m)] * l[(k, m)];
                 }
-                if i == k {
-                    if !(sum > 1e-6) {
-                        return None;
-                    }
-                    l[(i, i)] = libm::sqrt(sum);
-                } else {
-                    l[(i, k)] = sum / l[(k, k)];
-                }
+                l[(i, k)] = v;
             }
         }
-        Some(Self { scale, l })
+        Some(Self { l, inverse })
     }
 
-    /// `M D⁻¹ L⁻ᵀ`.
-    fn apply(&self, m: &Matrix<N, N>) -> Matrix<N, N> {
+    /// `M L⁻ᵀ`.
+    #[inline]
+    fn right(&self, m: &Matrix<N, N>) -> Matrix<N, N> {
         let mut y = *m;
         for j in 0..N {
-            for i in 0..N {
-                let mut v = y[(i, j)] / self.scale[j];
-                for k in 0..j {
-                    v -= y[(i, k)] * self.l[(j, k)];
+            for k in 0..j {
+                for i in 0..N {
+                    y[(i, j)] -= y[(i, k)] * self.l[(j, k)];
                 }
-                y[(i, j)] = v / self.l[(j, j)];
             }
         }
         y
     }
 
-    fn solve(&self, v: &Vector<N>) -> Vector<N> {
-        let mut x = v.component_div(&self.scale);
+    /// `Y D⁻¹`.
+    #[inline]
+    fn weighted(&self, y: &Matrix<N, N>) -> Matrix<N, N> {
+        Matrix::from_fn(|i, j| y[(i, j)] * self.inverse[j])
+    }
+
+    /// `L⁻¹ v`.
+    #[inline]
+    fn left(&self, mut v: Vector<N>) -> Vector<N> {
         for i in 0..N {
             for k in 0..i {
-                let t = x[k];
-                x[i] -= self.l[(i, k)] * t;
+                v[i] -= self.l[(i, k)] * v[k];
             }
-            x[i] /= self.l[(i, i)];
         }
-        for i in (0..N).rev() {
-            for k in i + 1..N {
-                let t = x[k];
-                x[i] -= self.l[(k, i)] * t;
-            }
-            x[i] /= self.l[(i, i)];
-        }
-        x.component_div(&self.scale)
+        v
     }
 }

@@ -3,8 +3,10 @@
 use crate::estimators::diffuse::{Diffuse, Joint};
 use crate::estimators::fms::gain::{Column, Gain, Invariant, Shape};
 use crate::estimators::fms::lost::{LostRows, MOST_LOST};
+use crate::estimators::fms::two_filter::{TwoFilter, inverse_of, row_back};
 use crate::estimators::fms::varying::Varying;
 use crate::estimators::fms::{Align, STACKS_FROM};
+use crate::estimators::kalman::finite;
 use crate::estimators::smoother::{Arrive, Backward, Instant, StartState};
 use crate::linalg::{cholesky, whiten};
 use crate::storage::Store;
@@ -18,6 +20,12 @@ const CORRECTED_UP_TO: usize = 256;
 
 /// Lost scalars up to which correcting them is quicker than stacks.
 const FEW_LOST: usize = 6;
+
+/// Lost scalars, and scalars in a window, up to which correcting them is quicker than two filters that meet.
+const FEW_LOST_OF_FEW: (usize, usize) = (2, 40);
+
+/// Number of scalars in a window up to which the gain is quicker than two filters that meet: it has a column for each.
+const GAIN_UP_TO: usize = 128;
 
 /// A time-invariant linear model as a window needs it.
 #[derive(Clone, Copy, Debug)]
@@ -42,6 +50,8 @@ pub struct InvariantWindow<const N: usize, S: Store> {
     p_u: usize,
     c: [Vector<N>; MOST_COMPONENTS],
     r: [f64; MOST_COMPONENTS * MOST_COMPONENTS],
+    /// What whitens the only component where there is but one.
+    alone: f64,
     /// Diagonal of R⁻¹: the bound of W's diagonal.
     precision: [f64; MOST_COMPONENTS],
     q: usize,
@@ -56,6 +66,10 @@ pub struct InvariantWindow<const N: usize, S: Store> {
     head: usize,
     len: usize,
     lost: usize,
+    /// A⁻¹, for estimates without a lag.
+    inverse: Option<Matrix<N, N>>,
+    /// Estimates without a lag; empty while not in use.
+    two: Option<TwoFilter<N, S>>,
     /// Fallback of long windows; empty while not in use.
     varying: Option<Varying<N, S>>,
 }
@@ -84,12 +98,14 @@ impl<const N: usize, S: Store> InvariantWindow<N, S> {
         let mut b = S::filled(p_u, Vector::zeros()).ok_or(full)?;
         b.as_mut()[..p_u].copy_from_slice(model.b);
         let leap = Transition { next: Vector::zeros(), f: *model.a, q: *model.w };
+        let inverse = if shape.lag == 0 { inverse_of(model.a) } else { None };
         let mut window = Self {
             leap,
             b,
             p_u,
             c,
             r,
+            alone: 1.0 / libm::sqrt(r[0]),
             precision: precision(&factor[..q * q], q),
             q,
             shape,
@@ -102,6 +118,8 @@ impl<const N: usize, S: Store> InvariantWindow<N, S> {
             head: 0,
             len: 0,
             lost: 0,
+            two: if inverse.is_some() { TwoFilter::new(m) } else { None },
+            inverse,
             varying: if m >= STACKS_FROM { Varying::new(m + 1) } else { None },
         };
         let mut white = [Row { h: Vector::zeros(), residual: 0.0, var: 1.0 }; MOST_COMPONENTS];
@@ -156,7 +174,7 @@ impl<const N: usize, S: Store> InvariantWindow<N, S> {
             let newest = self.len - 1;
             let arrive = Transition { next: self.drive(newest), ..self.leap };
             let mut rows = [Row { h: Vector::zeros(), residual: 0.0, var: 1.0 }; MOST_COMPONENTS];
-            let count = rows_of(&self.c, &self.r, q, |i| z.get(i).copied().flatten(), &mut rows);
+            let count = rows_of(&self.c, &self.r, self.alone, q, |i| z.get(i).copied().flatten(), &mut rows);
             let varying = self.varying.as_mut().expect("it was there two lines above");
             varying.push(&arrive, &mut rows[..count])?;
             if self.len == m {
@@ -165,8 +183,13 @@ impl<const N: usize, S: Store> InvariantWindow<N, S> {
         }
         let slot = if self.len == m {
             let oldest = self.head;
-            self.lost -= self.got.as_ref()[oldest * q..(oldest + 1) * q].iter().filter(|g| !**g).count();
+            for got in &self.got.as_ref()[oldest * q..(oldest + 1) * q] {
+                self.lost -= usize::from(!got);
+            }
             self.head = if oldest + 1 == m { 0 } else { oldest + 1 };
+            if let Some(two) = &mut self.two {
+                two.drop_front(1);
+            }
             oldest
         } else {
             // Until it is full the window starts at slot 0.
@@ -186,6 +209,9 @@ impl<const N: usize, S: Store> InvariantWindow<N, S> {
                 self.u.as_mut()[copy * self.p_u + i] = u.get(i).copied().unwrap_or(0.0);
             }
         }
+        if self.two.as_ref().is_some_and(|two| !two.is_empty()) {
+            self.push_two();
+        }
         Ok(())
     }
 
@@ -194,32 +220,55 @@ impl<const N: usize, S: Store> InvariantWindow<N, S> {
     #[inline]
     pub fn estimate(&mut self) -> Joint<N> {
         if self.lost == 0
-            && self.len == self.shape.window
-            && let Some(gain) = &self.gain
+            && (self.two.is_none() || self.shape.window * self.q <= GAIN_UP_TO)
+            && let Some(joint) = self.gained()
         {
-            let means = gain.apply(self.data(), self.inputs());
-            // The covariances are those of the design, which has looked at them.
-            if (0..N).all(|i| means.0[i].is_finite() && means.1[i].is_finite()) {
-                if let Some(varying) = &mut self.varying {
-                    varying.clear();
-                }
-                return shifted(&gain.joint, &means);
-            }
+            return joint;
         }
-        self.estimate_with_losses()
+        self.estimate_otherwise()
+    }
+
+    /// The estimate of a full window without losses by the gain.
+    #[inline]
+    fn gained(&mut self) -> Option<Joint<N>> {
+        let gain = self.gain.as_ref().filter(|_| self.lost == 0 && self.len == self.shape.window)?;
+        let means = gain.apply(self.data(), self.inputs());
+        // The covariances are those of the design, which has looked at them.
+        if !(0..N).all(|i| means.0[i].is_finite() && means.1[i].is_finite()) {
+            return None;
+        }
+        let joint = shifted(&gain.joint, &means);
+        if let Some(varying) = &mut self.varying {
+            varying.clear();
+        }
+        if let Some(two) = &mut self.two {
+            two.clear();
+        }
+        Some(joint)
     }
 
     #[cold]
     #[inline(never)]
-    fn estimate_with_losses(&mut self) -> Joint<N> {
+    fn estimate_otherwise(&mut self) -> Joint<N> {
         // Stacks that are filled go on until nothing is lost: filling them costs a pass over the window.
         let has_stacks = self.varying.as_ref().is_some_and(|varying| !varying.is_empty());
-        let is_few = self.shape.window < STACKS_FROM || self.lost <= FEW_LOST && !has_stacks;
+        let is_few = match &self.two {
+            Some(two) => {
+                two.is_empty() && self.lost <= FEW_LOST_OF_FEW.0 && self.shape.window * self.q <= FEW_LOST_OF_FEW.1
+            }
+            None => self.shape.window < STACKS_FROM || self.lost <= FEW_LOST && !has_stacks,
+        };
         if self.lost > 0
             && self.len == self.shape.window
             && is_few
             && let Some(joint) = self.corrected().filter(Joint::is_finite)
         {
+            return joint;
+        }
+        if let Some(belief) = self.met() {
+            return Joint::newest(belief);
+        }
+        if let Some(joint) = self.gained() {
             return joint;
         }
         if self.len >= STACKS_FROM
@@ -234,7 +283,7 @@ impl<const N: usize, S: Store> InvariantWindow<N, S> {
     pub fn rows(&self, i: usize, out: &mut [Row<N>; MOST_COMPONENTS]) -> usize {
         let at = (self.head + i) * self.q;
         let (z, got) = (self.z.as_ref(), self.got.as_ref());
-        rows_of(&self.c, &self.r, self.q, |j| got[at + j].then(|| z[at + j]), out)
+        rows_of(&self.c, &self.r, self.alone, self.q, |j| got[at + j].then(|| z[at + j]), out)
     }
 
     fn data(&self) -> &[f64] {
@@ -295,6 +344,56 @@ impl<const N: usize, S: Store> InvariantWindow<N, S> {
         let (moved, joint) = lost_rows.correct(gain, z, &lost[..count], |row| self.precision[row % q])?;
         let base = gain.apply(z, &[]);
         Some(shifted(&joint, &(base.0 + moved.0 + ends.0, base.1 + moved.1 + ends.1)))
+    }
+
+    /// Adds the newest instant to the filters that meet.
+    fn push_two(&mut self) {
+        let newest = self.len - 1;
+        let mut rows = [Row { h: Vector::zeros(), residual: 0.0, var: 1.0 }; MOST_COMPONENTS];
+        let count = self.rows(newest, &mut rows);
+        let align = self.shape.align;
+        let offset = match align {
+            Align::Filtered => self.drive(newest - 1),
+            Align::Predicted => self.drive(newest),
+        };
+        let (two, Transition { f, q, .. }) = (self.two.as_mut().expect("asked before"), &self.leap);
+        two.push(|future| {
+            if align == Align::Filtered {
+                future.leap(f, &offset, q);
+            }
+            for row in &rows[..count] {
+                future.row(row);
+            }
+            if align == Align::Predicted {
+                future.leap(f, &offset, q);
+            }
+        });
+    }
+
+    /// The newest instant, or the one after it, from two filters that meet; `None` where they cannot decide.
+    #[inline]
+    fn met(&mut self) -> Option<Belief<N>> {
+        let inverse = self.inverse?;
+        let len = self.len;
+        if self.two.as_ref()?.len() != len {
+            let mut two = self.two.take()?;
+            let leaps = len - usize::from(self.shape.align == Align::Filtered);
+            let mut rows = [Row { h: Vector::zeros(), residual: 0.0, var: 1.0 }; MOST_COMPONENTS];
+            let turned = two.turn(len, |i, past| {
+                if i < leaps {
+                    past.leap_back(&inverse, &self.drive(i), &self.leap.q);
+                }
+                let count = self.rows(i, &mut rows);
+                rows[..count].iter().try_for_each(|row| row_back(past, row))
+            });
+            self.two = Some(two);
+            turned?;
+            if let Some(varying) = &mut self.varying {
+                varying.clear();
+            }
+        }
+        let belief = self.two.as_ref()?.filtered()?;
+        finite(&belief.mean, &belief.cov).ok().map(|()| belief)
     }
 
     /// The estimate from the queues of a time-varying window, filled on first need; `None` without one, or without room in it.
@@ -373,13 +472,22 @@ fn shifted<const N: usize>(joint: &Joint<N>, means: &Column<N>) -> Joint<N> {
 }
 
 /// Whitened rows of the components that arrived; correlated components are whitened together.
+/// `alone` whitens the only component where there is but one.
+#[inline]
 fn rows_of<const N: usize>(
     c: &[Vector<N>],
     r: &[f64],
+    alone: f64,
     q: usize,
     value: impl Fn(usize) -> Option<f64>,
     out: &mut [Row<N>; MOST_COMPONENTS],
 ) -> usize {
+    if q == 1 {
+        return value(0).map_or(0, |z| {
+            out[0] = Row { h: c[0] * alone, residual: z * alone, var: 1.0 };
+            1
+        });
+    }
     let mut index = [0; MOST_COMPONENTS];
     let mut count = 0;
     for i in 0..q {
@@ -389,6 +497,14 @@ fn rows_of<const N: usize>(
             count += 1;
         }
     }
+    whiten_together(&index[..count], r, q, out);
+    count
+}
+
+/// Whitens the rows of the given components.
+#[inline(never)]
+fn whiten_together<const N: usize>(index: &[usize], r: &[f64], q: usize, rows: &mut [Row<N>; MOST_COMPONENTS]) {
+    let count = index.len();
     let mut block = [0.0; MOST_COMPONENTS * MOST_COMPONENTS];
     for i in 0..count {
         for j in 0..count {
@@ -396,9 +512,8 @@ fn rows_of<const N: usize>(
         }
     }
     // A principal block of a positive definite R is positive definite: `new` has checked R.
-    let whitened = whiten(&mut out[..count], &mut block[..count * count]);
+    let whitened = whiten(&mut rows[..count], &mut block[..count * count]);
     debug_assert!(whitened);
-    count
 }
 
 /// Turns gain columns of whitened components into columns of raw ones: `K_raw = K L⁻¹` per instant.

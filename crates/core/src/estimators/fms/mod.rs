@@ -8,8 +8,9 @@
 //! |---|---|
 //! | time-invariant, nothing lost | [`gain`]: a gain computed once, a dot product per component |
 //! | time-invariant, few rows lost | [`lost`]: the lost rows are replaced by what makes their residuals vanish, then the same gain |
-//! | varying, short window | [`Diffuse`](super::diffuse::Diffuse): one exact-diffuse pass over the window |
-//! | varying, long window | [`stacks`]: two-stack sliding aggregation of associative elements |
+//! | varying or long, no lag | [`two_filter`]: a backward filter over the older instants and a forward filter over the newer ones meet |
+//! | with a lag or a singular A, long window | [`stacks`]: two-stack sliding aggregation of associative elements |
+//! | with a lag or a singular A, short window | [`Diffuse`](super::diffuse::Diffuse): one exact-diffuse pass over the window |
 //! | nonlinear | [`newton`]: Gauss–Newton over the window |
 //!
 //! [`invariant`] and [`varying`] make the choice. The window grows from the first instant until it is full.
@@ -20,6 +21,7 @@ pub mod invariant;
 pub mod lost;
 pub mod newton;
 pub mod stacks;
+pub mod two_filter;
 pub mod varying;
 pub mod window;
 
@@ -39,6 +41,10 @@ pub enum Align {
 /// leaps, the stacks about two combinations of elements without a lag, each dearer than a leap, and six with one. The pass keeps more digits where the window is
 /// ill-conditioned, so short windows stay with it although the stacks would be quicker from about 9 instants on.
 pub const STACKS_FROM: usize = 30;
+
+/// Time-varying windows with room for at least this many instants keep two filters, which cost the same at any length; shorter ones
+/// would start their backward filter anew at almost every step.
+pub const TWO_FILTER_FROM: usize = 4;
 
 /// Returns the normalised innovation squared of rows that the estimate has already used: from their residuals at the estimate,
 /// `eᵀ (I − H P Hᵀ)⁻¹ e` with rows of unit variance, equal to the innovation form `νᵀ S⁻¹ ν`. `None` when there are no rows, or when the

@@ -64,7 +64,10 @@ impl<const N: usize, S: Store> Stacks<N, S> {
             self.back = back;
             self.front = front;
         }
-        self.back_all = self.back_all.then(rows, Some(leap));
+        rows.iter().for_each(|row| {
+            self.back_all.row(row);
+        });
+        self.back_all.leap(&leap.f, &leap.next, &leap.q);
         self.back.as_mut()[self.back_len] = Element::instant(rows, Some(leap));
         self.back_len += 1;
         Ok(())

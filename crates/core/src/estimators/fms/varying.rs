@@ -1,22 +1,26 @@
 //! Finite-memory estimates when anything varies from step to step: irregular time, lost rows, time-varying matrices.
 //!
-//! Short windows are passed over at each step by the exact-diffuse filter; windows of [`STACKS_FROM`] instants and more are
-//! aggregated in two queues, split at the lagged instant. Where the stacks cannot decide (ill-conditioned or unobservable), the pass
-//! does: both give the same answer.
+//! The newest state comes from two filters that meet inside the window. With a lag, or where they cannot decide, short windows are passed
+//! over at each step by the exact-diffuse filter, and windows of [`STACKS_FROM`] instants and more are aggregated in two queues, split at
+//! the lagged instant. Where the stacks cannot decide either (ill-conditioned or unobservable), the pass does: all give the same answer.
 
 use crate::estimators::diffuse::{Diffuse, Joint};
-use crate::estimators::fms::STACKS_FROM;
-use crate::estimators::fms::element::Element;
+use crate::estimators::fms::element::{Information, LEAST_PIVOT};
 use crate::estimators::fms::stacks::Stacks;
+use crate::estimators::fms::two_filter::{TwoFilter, inverse_of, row_back};
 use crate::estimators::fms::window::{Node, Window};
+use crate::estimators::fms::{STACKS_FROM, TWO_FILTER_FROM};
+use crate::estimators::kalman::{finite, propagate};
 use crate::estimators::smoother::{Arrive, Backward, Instant, StartState};
 use crate::storage::Store;
-use crate::types::{Matrix, Row, StepError, Transition};
+use crate::types::{Belief, Matrix, Row, StepError, Transition};
 
 /// A window over a time-varying linear model.
 #[derive(Clone)]
 pub struct Varying<const N: usize, S: Store> {
     window: Window<N, S>,
+    /// Estimates without a lag; empty while not in use.
+    two: Option<TwoFilter<N, S>>,
     queues: Option<Queues<N, S>>,
 }
 
@@ -33,13 +37,14 @@ impl<const N: usize, S: Store> Varying<N, S> {
     pub fn new(capacity: usize) -> Option<Self> {
         let queues = if capacity >= STACKS_FROM {
             match (Stacks::new(capacity), Stacks::new(capacity)) {
-                (Some(early), Some(late)) => Some(Queues { early, late, valid: true }),
+                (Some(early), Some(late)) => Some(Queues { early, late, valid: false }),
                 _ => None,
             }
         } else {
             None
         };
-        Some(Self { window: Window::new(capacity)?, queues })
+        let two = if capacity >= TWO_FILTER_FROM { TwoFilter::new(capacity) } else { None };
+        Some(Self { window: Window::new(capacity)?, two, queues })
     }
 
     /// Number of instants in the window.
@@ -59,6 +64,14 @@ impl<const N: usize, S: Store> Varying<N, S> {
     pub fn push(&mut self, arrive: &Transition<N>, rows: &mut [Row<N>]) -> Result<(), StepError> {
         let len = self.window.len();
         self.window.push(Node::new(arrive, rows))?;
+        if let Some(two) = &mut self.two {
+            two.push(|future| {
+                future.leap(&arrive.f, &arrive.next, &arrive.q);
+                for row in self.window.get(len).rows() {
+                    future.row(row);
+                }
+            });
+        }
         if let (Some(queues), true) = (&mut self.queues, len > 0)
             && queues.valid
         {
@@ -70,6 +83,9 @@ impl<const N: usize, S: Store> Varying<N, S> {
     /// Forgets the `count` oldest instants.
     pub fn drop_front(&mut self, count: usize) {
         self.window.drop_front(count);
+        if let Some(two) = &mut self.two {
+            two.drop_front(count);
+        }
         if let Some(queues) = &mut self.queues
             && queues.valid
         {
@@ -83,10 +99,11 @@ impl<const N: usize, S: Store> Varying<N, S> {
     /// Forgets everything.
     pub fn clear(&mut self) {
         self.window.drop_front(self.window.len());
+        if let Some(two) = &mut self.two {
+            two.clear();
+        }
         if let Some(queues) = &mut self.queues {
-            queues.early.clear();
-            queues.late.clear();
-            queues.valid = true;
+            queues.valid = false;
         }
     }
 
@@ -94,7 +111,7 @@ impl<const N: usize, S: Store> Varying<N, S> {
     /// estimate, and neither has a window whose covariances leave the range of numbers.
     pub fn filtered(&mut self, lag: usize) -> Joint<N> {
         match lag {
-            0 => newest(&self.estimate(None, None)),
+            0 => self.latest(None),
             _ => self.estimate(self.window.len().checked_sub(lag + 1), None),
         }
     }
@@ -103,9 +120,43 @@ impl<const N: usize, S: Store> Varying<N, S> {
     /// [`Varying::filtered`].
     pub fn predicted(&mut self, lag: usize, leap: &Transition<N>) -> Joint<N> {
         match lag {
-            0 => newest(&self.estimate(None, Some(leap))),
+            0 => self.latest(Some(leap)),
             _ => self.estimate(self.window.len().checked_sub(lag), Some(leap)),
         }
+    }
+
+    fn latest(&mut self, leap: Option<&Transition<N>>) -> Joint<N> {
+        let belief = self.met(leap).or_else(|| self.estimate(None, leap).filter);
+        belief.map_or_else(Joint::none, Joint::newest)
+    }
+
+    /// The newest instant from two filters; `None` where they cannot decide.
+    fn met(&mut self, leap: Option<&Transition<N>>) -> Option<Belief<N>> {
+        let (window, two) = (&self.window, self.two.as_mut()?);
+        let len = window.len();
+        if two.len() != len {
+            let mut last: Option<(&Matrix<N, N>, Matrix<N, N>)> = None;
+            two.turn(len, |i, past| {
+                if i + 1 < len {
+                    let Transition { next, f, q } = &window.get(i + 1).arrive;
+                    let inverse = match last {
+                        Some((of, inverse)) if of == f => inverse,
+                        _ => inverse_of(f)?,
+                    };
+                    past.leap_back(&inverse, next, q);
+                    last = Some((f, inverse));
+                }
+                window.get(i).rows().iter().try_for_each(|row| row_back(past, row))
+            })?;
+            if let Some(queues) = &mut self.queues {
+                queues.valid = false;
+            }
+        }
+        let mut belief = two.filtered()?;
+        if let Some(Transition { next, f, q }) = leap {
+            belief = Belief { mean: f * belief.mean + next, cov: propagate(&belief.cov, f, q) };
+        }
+        finite(&belief.mean, &belief.cov).ok().map(|()| belief)
     }
 
     fn estimate(&mut self, split: Option<usize>, leap: Option<&Transition<N>>) -> Joint<N> {
@@ -181,21 +232,17 @@ impl<const N: usize, S: Store> Varying<N, S> {
             queues.late.pop()?;
             queues.valid = true;
         }
-        let late = queues.late.all()?.then(self.window.get(len - 1).rows(), leap);
+        let mut late = queues.late.all()?;
+        for row in self.window.get(len - 1).rows() {
+            late.row(row);
+        }
+        if let Some(Transition { next, f, q }) = leap {
+            late.leap(f, next, q);
+        }
         if split.is_none() && queues.early.is_empty() {
-            return Some(Joint { filter: Some(late.filtered()?), lagged: None, cross: Matrix::zeros() });
+            let filter = late.filtered(&Information::none(), LEAST_PIVOT)?;
+            return Some(Joint { filter: Some(filter), lagged: None, cross: Matrix::zeros() });
         }
-        let early = queues.early.all()?;
-        let mut joint =
-            if split == Some(len) { early.combine(&late)?.joint(&Element::identity())? } else { early.joint(&late)? };
-        if split.is_none() {
-            joint.lagged = None;
-        }
-        Some(joint)
+        queues.early.all()?.joint(&late)
     }
-}
-
-/// The newest instant as the lagged one, which it is where there is no lag.
-fn newest<const N: usize>(joint: &Joint<N>) -> Joint<N> {
-    Joint { lagged: joint.filter, cross: joint.filter.map_or(joint.cross, |filter| filter.cov), ..*joint }
 }
