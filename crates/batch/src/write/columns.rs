@@ -158,6 +158,11 @@ impl Columns {
         }
     }
 
+    /// Whether positions are written as latitudes and longitudes too.
+    pub fn has_geodetic(&self) -> bool {
+        self.has_geodetic
+    }
+
     /// Whether the instants of a row are numbers as the trail has them.
     pub fn is_in_seconds(&self) -> bool {
         self.meta.time == TimeForm::Seconds

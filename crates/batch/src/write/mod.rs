@@ -197,6 +197,9 @@ impl<'a> Piece<'a> {
 /// Rows that are encoded together, about: a row group of a Parquet file.
 pub(crate) const GROUP_ROWS: usize = 1 << 16;
 
+/// Bytes of a cell of text, at most and about.
+const CELL_BYTES: usize = 20;
+
 /// Pieces in groups, in their order.
 fn groups<'p, 'a>(pieces: &'p [Piece<'a>]) -> impl Iterator<Item = &'p [Piece<'a>]> {
     let mut rest = pieces;
@@ -330,7 +333,8 @@ impl<'e> Sheaf<'e> {
     pub fn of(encoder: &'e Encoder<'e>, rows: usize) -> Sheaf<'e> {
         let rows = match &encoder.parquet {
             Some(form) => Rows::Columns(form.buffers(rows)),
-            None => Rows::Text(Vec::new()),
+            // What is not needed is never touched.
+            None => Rows::Text(Vec::with_capacity(rows * CELL_BYTES * encoder.columns.list.len())),
         };
         Sheaf { encoder, rows }
     }
