@@ -20,6 +20,12 @@ use std::collections::VecDeque;
 const START_INSTANTS: usize = 64;
 /// Standard deviations by which a robust start may miss a measurement.
 const MISSED: f64 = 3.0;
+/// A window that did not agree with itself is tried again once it has grown by one instant in this many, and one instant in this many, begun
+/// ones counted, loses a measurement between two solutions: the tries grow geometrically and a try solves a bounded number of times, so
+/// that a window costs in all what its length does, however many tries of it fail. Up to this length nothing is put off.
+const GROWTH: usize = 8;
+/// Share of the worst miss from which on a measurement goes with the worst one: an error of its own, hardly what that one bends.
+const ALIKE: f64 = 0.5;
 /// Largest share of a standard deviation by which one standard deviation of the start may bend model or sensors.
 pub(crate) const BENT: f64 = 0.3;
 
@@ -183,6 +189,19 @@ pub struct Search<const N: usize> {
     newest: Vector<N>,
     /// Whether the window determined one state when last tried.
     found: bool,
+    /// Fewest instants of a window that is looked through for measurements that miss.
+    next_try: usize,
+    /// The measurements of the window that miss, the worst of each instant.
+    missed: Vec<Miss>,
+}
+
+/// A packet of a window that misses its solution.
+#[derive(Clone, Copy)]
+struct Miss {
+    instant: usize,
+    packet: usize,
+    /// Standard deviations.
+    by: f64,
 }
 
 impl<const N: usize> Search<N> {
@@ -193,7 +212,16 @@ impl<const N: usize> Search<N> {
     pub fn new() -> Result<Self, StepError> {
         let room = fixtrail_core::StepError::WindowFull { capacity: 0, needed: START_INSTANTS };
         let newton = Newton::new(START_INSTANTS).ok_or(StepError::Core(room))?;
-        Ok(Self { newton, rival: None, kept: VecDeque::new(), rows: Vec::new(), newest: Vector::zeros(), found: false })
+        Ok(Self {
+            newton,
+            rival: None,
+            kept: VecDeque::new(),
+            rows: Vec::new(),
+            newest: Vector::zeros(),
+            found: false,
+            next_try: 0,
+            missed: Vec::new(),
+        })
     }
 
     /// The point that the newest instant was linearised at.
@@ -246,13 +274,16 @@ impl<const N: usize> Search<N> {
 
     /// The newest state as the window determines it; a robust one only once the window has rows to spare and agrees with itself.
     ///
-    /// The measurement that misses by most of its standard deviations is taken out of the window and the rest solved again, until none
-    /// misses by more than three (data snooping \[BAA68\]) or a quarter is gone: then the window is left whole and determines nothing. A
-    /// full window is taken as it is: its sensors are noisier than the model says.
+    /// The measurement that misses by most of its standard deviations is taken out of the window, of a long one the worst of several instants,
+    /// and the rest solved again, until none misses by more than three (data snooping \[BAA68\]) or a quarter is gone: then the window is left
+    /// whole and determines nothing until it has grown. A full window is taken as it is: its sensors are noisier than the model says.
     fn solve(&mut self, model: &Model<N>) -> Result<Option<Solution<N>>, StepError> {
         let robust = model.robust != Robust::None && self.kept.len() < START_INSTANTS;
+        if robust && self.kept.len() < self.next_try {
+            return Ok(None);
+        }
         let whole = robust.then(|| (self.kept.clone(), self.newton.clone()));
-        let mut taken_out = 0;
+        let (mut taken_out, mut tries) = (0, 0_u32);
         let found = loop {
             let enough = enough(model.layout.axes, self.kept.iter());
             if enough == Enough::No {
@@ -266,22 +297,26 @@ impl<const N: usize> Search<N> {
             if !robust || solution.is_none() {
                 break solution;
             }
-            let (count, worst) = self.worst(model);
+            let count = self.misses(model);
             // Rows to spare: twice as many as there are unknowns.
             if count < 2 * (N - model.known.len()).max(model.layout.axes) {
                 break None;
             }
-            match worst {
-                Some((_, _, missed)) if missed > MISSED => {
-                    if 4 * (taken_out + 1) > count + taken_out {
-                        break None;
-                    }
-                    let (i, j, _) = worst.unwrap_or_default();
-                    self.kept[i].packets.remove(j);
-                    taken_out += 1;
-                    self.newton.clear();
-                }
-                _ => break solution,
+            let Some(worst) = self.missed.first().copied() else { break solution };
+            let room = ((count + taken_out) / 4).saturating_sub(taken_out);
+            if room == 0 {
+                self.next_try = self.kept.len() + self.kept.len().div_ceil(GROWTH);
+                break None;
+            }
+            let at_once = self.kept.len().div_ceil(GROWTH).min(room);
+            for miss in self.missed.iter().take(at_once).take_while(|miss| miss.by >= ALIKE * worst.by) {
+                self.kept[miss.instant].packets.remove(miss.packet);
+                taken_out += 1;
+            }
+            tries += 1;
+            // What was gross, and may have led the trajectory astray, goes first. To start anew each time would cost most of the time.
+            if tries.is_power_of_two() {
+                self.newton.clear();
             }
         };
         if let (None, Some((kept, newton))) = (&found, whole) {
@@ -362,24 +397,31 @@ impl<const N: usize> Search<N> {
         Ok((best, Some(Rival { belief: rival, newest, lead: lead.abs(), mirror: *mirror })))
     }
 
-    /// Number of rows in the window, and the packet that misses its solution by most standard deviations: instant, packet, how many.
-    fn worst(&mut self, model: &Model<N>) -> (usize, Option<(usize, usize, f64)>) {
-        let mut worst: Option<(usize, usize, f64)> = None;
+    /// Number of rows in the window. Leaves in `missed` the packet of each instant that misses the solution by most standard deviations,
+    /// where those are more than [`MISSED`], the worst first.
+    fn misses(&mut self, model: &Model<N>) -> usize {
+        self.missed.clear();
         let mut count = 0;
-        for (i, (kept, x)) in self.kept.iter().zip(self.newton.nominal()).enumerate() {
-            for j in 0..kept.packets.len() {
+        for (instant, (kept, x)) in self.kept.iter().zip(self.newton.nominal()).enumerate() {
+            let mut worst = Miss { instant, packet: 0, by: MISSED };
+            for packet in 0..kept.packets.len() {
                 self.rows.clear();
-                model.sensing.rows(&Step::new(kept.k, kept.t_s, &kept.packets[j..=j]), x, &mut self.rows);
+                model.sensing.rows(&Step::new(kept.k, kept.t_s, &kept.packets[packet..=packet]), x, &mut self.rows);
                 count += self.rows.len();
                 for row in &self.rows {
-                    let missed = row.residual.abs() / row.var.sqrt();
-                    if worst.is_none_or(|(_, _, most)| missed > most) {
-                        worst = Some((i, j, missed));
+                    let by = row.residual.abs() / row.var.sqrt();
+                    if by > worst.by {
+                        worst = Miss { packet, by, ..worst };
                     }
                 }
             }
+            if worst.by > MISSED {
+                self.missed.push(worst);
+            }
         }
-        (count, worst)
+        // Stable: of equals the older first.
+        self.missed.sort_by(|a, b| b.by.total_cmp(&a.by));
+        count
     }
 
     /// Whether motion and sensors are as good as linear over the belief's spread. The window linearises again with every instant, a
