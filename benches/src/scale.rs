@@ -18,7 +18,7 @@ use fixtrail_core::kernels::{Axes, Chain, Dense, FixedLag, Leap, Packed};
 use fixtrail_core::models::FmsPaper;
 use fixtrail_core::storage::Store;
 use fixtrail_core::{Belief, Matrix, Vector};
-use fixtrail_lanes::{Linear, Problem, filter, linear};
+use fixtrail_lanes::{Integrators, Linear, Problem, filter, integrators, linear};
 use std::cell::Cell;
 use std::hint::black_box;
 use std::thread;
@@ -140,6 +140,37 @@ fn shared(settings: &Settings, tracks: usize, steps: usize, lost: f64, threads: 
     })
 }
 
+/// Tracks of position and velocity at instants of their own, 64 instants a call, at most so many tracks a call.
+fn own_instants(settings: &Settings, tracks: usize, at_once: usize) -> f64 {
+    const STEPS: usize = 64;
+    let instants = settings.steps / STEPS / tracks * STEPS;
+    let track = |track: usize| {
+        let z = series(instants, settings.seed + track as u64);
+        z.into_iter().enumerate().map(move |(k, z)| [1.0 + 0.1 * ((k + track) % 7) as f64, z]).collect::<Vec<_>>()
+    };
+    let all: Vec<Vec<[f64; 2]>> = (0..tracks).map(track).collect();
+    let start = Chain { mean: [0.0; 2], cov: [[25.0, 0.0], [0.0, 1.0]] };
+    let (mut input, mut out) = (Vec::new(), vec![0.0; 7 * STEPS * at_once]);
+    time(settings, tracks * instants, || {
+        for tracks in all.chunks(at_once) {
+            let mut beliefs = vec![start; tracks.len()];
+            for k in (0..instants).step_by(STEPS) {
+                input.clear();
+                tracks.iter().for_each(|track| input.extend_from_slice(track[k..k + STEPS].as_flattened()));
+                let problem = Integrators { psd: 0.01, var: 0.0025, goes_on: k > 0 };
+                integrators::<2, 7>(
+                    &problem,
+                    &mut beliefs,
+                    black_box(&input),
+                    STEPS,
+                    &mut out[..7 * STEPS * tracks.len()],
+                );
+                black_box(&out);
+            }
+        }
+    })
+}
+
 fn shape(window: usize) -> Shape {
     Shape { window, lag: 0, align: Align::Predicted }
 }
@@ -204,6 +235,10 @@ pub fn tables(settings: &Settings) {
         let of = |threads| shared(s, 512, 800, lost, threads);
         line(&format!("{:.0} % lost, ns an estimate", 100.0 * lost), threads.map(of));
     }
+
+    let at_once = [1, 2, 4, 8, 16];
+    title("at instants of their own, n=2, tracks at once", &names(&at_once));
+    line("estimates with their covariances, ns each", at_once.map(|at_once| own_instants(s, 16, at_once)));
 
     let windows = [5, 15, 29, 60, 200, 1000];
     title("fms, n=3, push and estimate, window", &names(&windows));
