@@ -4,7 +4,6 @@
 //! `Chains` is what trackers step by; [`Series`] takes all positions of some targets at once, and gives the same bits.
 
 use crate::error::StepError;
-use crate::fix::Status;
 use crate::model::Model;
 use crate::packet::{Content, Kind};
 use crate::recursion::{Interval, Recursion};
@@ -293,28 +292,36 @@ fn append<const A: usize, const O: usize, const N: usize, const M: usize>(
     axes: [&[f64]; A],
 ) -> Result<(), (usize, StepError)> {
     let axes = axes.map(|axis| axis.as_chunks::<M>().0);
-    for (k, now) in t_s.iter().enumerate() {
-        let (mut mean, mut packed, mut nis) = ([0.0; N], [0.0; 45], 0.0);
+    let refused = |k: usize| axes.iter().find_map(|instants| check::<O, M>(&instants[k]).err());
+    let odd = (0..t_s.len()).find_map(|k| refused(k).map(|error| (k, error)));
+    let rows = odd.map_or(t_s.len(), |(k, _)| k);
+    let mean = |k: usize| {
+        let mut mean = [0.0; N];
         for (axis, instants) in axes.iter().enumerate() {
-            let instant = &instants[k];
-            if let Err(error) = check::<O, M>(instant) {
-                return Err((trail.len(), StepError::Core(error)));
-            }
+            (0..O).for_each(|i| mean[i * A + axis] = instants[k][i]);
+        }
+        mean
+    };
+    let cov = |k: usize| {
+        let mut packed = [0.0; 45];
+        for (axis, instants) in axes.iter().enumerate() {
             let mut at = O;
             for i in 0..O {
-                mean[i * A + axis] = instant[i];
                 for j in i..O {
-                    packed[Trail::packed_index(N, i * A + axis, j * A + axis)] = instant[at];
+                    packed[Trail::packed_index(N, i * A + axis, j * A + axis)] = instants[k][at];
                     at += 1;
                 }
             }
-            let (e, s) = (instant[M - 2], instant[M - 1]);
-            nis += e * e / s;
         }
-        let packed = &packed[..Trail::packed_len(N)];
-        trail.push(trail.len() as u64, *now, &mean, packed, Status::Updated, (nis, A as u32));
+        packed
+    };
+    let nis = |k: usize| axes.iter().fold(0.0, |nis, of| nis + of[k][M - 2] * of[k][M - 2] / of[k][M - 1]);
+    let start = trail.len();
+    trail.append_updated(&t_s[..rows], (mean, cov), (nis, A as u32));
+    match odd {
+        None => Ok(()),
+        Some((k, error)) => Err((start + k, StepError::Core(error))),
     }
-    Ok(())
 }
 
 /// Whether an update can be taken, as [`measure`] has it.

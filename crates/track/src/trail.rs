@@ -74,18 +74,27 @@ impl Trail {
         self.nis_dof.reserve(rows);
     }
 
-    /// Appends a row with an estimate and without a smoother's half: `mean` of `n` values, `packed` the upper triangle of the covariance, and
-    /// the normalised innovation squared with the number of measurements behind it.
-    // Where it is called the numbers of states are constants, and copying them is a handful of moves.
-    #[inline(always)]
-    pub fn push(&mut self, k: u64, t_s: f64, mean: &[f64], packed: &[f64], status: Status, (nis, dof): (f64, u32)) {
-        self.k.push(k);
-        self.t_s.push(Some(t_s));
-        self.mean.extend_from_slice(mean);
-        self.cov.extend_from_slice(packed);
-        self.status.push(status);
-        self.nis.push((dof > 0).then_some(nis));
-        self.nis_dof.push(dof);
+    /// Appends rows with an estimate that was updated, and without a smoother's half, numbered on from those before: of row `k` of these `mean` of
+    /// `n` values, the first of `cov` the packed upper triangle of the covariance, and the normalised innovation squared of `dof` measurements.
+    ///
+    /// # Panics
+    /// When `N` is not `n`, or more than 9.
+    // Column by column, each a loop without a branch.
+    pub(crate) fn append_updated<const N: usize>(
+        &mut self,
+        t_s: &[f64],
+        (mean, cov): (impl Fn(usize) -> [f64; N], impl Fn(usize) -> [f64; 45]),
+        (nis, dof): (impl Fn(usize) -> f64, u32),
+    ) {
+        assert_eq!(self.n, N, "values of a mean");
+        let (start, rows) = (self.len(), t_s.len());
+        self.k.extend((start..start + rows).map(|k| k as u64));
+        self.t_s.extend(t_s.iter().copied().map(Some));
+        (0..rows).for_each(|k| self.mean.extend_from_slice(&mean(k)));
+        (0..rows).for_each(|k| self.cov.extend_from_slice(&cov(k)[..Self::packed_len(N)]));
+        self.status.resize(start + rows, Status::Updated);
+        self.nis.extend((0..rows).map(|k| Some(nis(k))));
+        self.nis_dof.resize(start + rows, dof);
     }
 
     /// The rows that stand at least `apart_s` seconds after the one before, the first of all included, without the smoother's half.

@@ -66,24 +66,23 @@ fn append_known(
     Ok(())
 }
 
-/// Appends a text that is short as a rule: by moves of fixed length, for which no function is called.
+/// Appends a text that is short as a rule: its beginning and its end by moves of fixed length, for which no function is called.
 #[inline]
 fn write_short(out: &mut Vec<u8>, text: &[u8]) {
-    let mut bytes = [0; 32];
     match text.len() {
         n @ 16..=32 => {
-            bytes[..16].copy_from_slice(&text[..16]);
-            bytes[n - 16..n].copy_from_slice(&text[n - 16..]);
+            out.extend_from_slice(&text[..16]);
+            // The rest overlaps what is there.
+            out.truncate(out.len() - (32 - n));
+            out.extend_from_slice(&text[n - 16..]);
         }
         n @ 8..16 => {
-            bytes[..8].copy_from_slice(&text[..8]);
-            bytes[n - 8..n].copy_from_slice(&text[n - 8..]);
+            out.extend_from_slice(&text[..8]);
+            out.truncate(out.len() - (16 - n));
+            out.extend_from_slice(&text[n - 8..]);
         }
-        n @ 0..8 => bytes[..n].copy_from_slice(text),
-        _ => return out.extend_from_slice(text),
+        _ => out.extend_from_slice(text),
     }
-    out.extend_from_slice(&bytes);
-    out.truncate(out.len() - bytes.len() + text.len());
 }
 
 /// The line of column names.
