@@ -102,8 +102,13 @@ fn kernels_agree_with_the_general_filter() {
     }
 }
 
-/// The trails of a series, and where each of them ended.
-fn series(spec: &Spec, targets: &[(Vec<f64>, Vec<f64>)]) -> Vec<(Trail, Result<(), (usize, StepError)>)> {
+/// The instants and positions of a target.
+type Numbers = (Vec<f64>, Vec<f64>);
+
+/// A trail, and where it ended before its time.
+type Tracked = (Trail, Result<(), (usize, StepError)>);
+
+fn series(spec: &Spec, targets: &[Numbers]) -> Vec<Tracked> {
     let all: Vec<Positions<'_>> = targets.iter().map(|(t_s, positions)| Positions { t_s, positions }).collect();
     let mut trails = Vec::new();
     // Room that other targets have had says nothing of these.
@@ -114,7 +119,7 @@ fn series(spec: &Spec, targets: &[(Vec<f64>, Vec<f64>)]) -> Vec<(Trail, Result<(
     trails
 }
 
-fn numbers(packets: &TargetPackets) -> (Vec<f64>, Vec<f64>) {
+fn numbers(packets: &TargetPackets) -> Numbers {
     let t_s = packets.packets.iter().map(|p| p.t_s).collect();
     (t_s, packets.packets.iter().flat_map(|p| p.content.values().flatten().collect::<Vec<_>>()).collect())
 }
