@@ -280,6 +280,40 @@ fn a_failing_write_leaves_the_old_file_and_nothing_else() {
 }
 
 #[test]
+fn what_is_not_finite_is_in_no_file() {
+    let layout = Layout::kinematic(2, 2, &[]);
+    // With a row that has no estimate, and without.
+    for times in [&[0.0, 0.5, f64::INFINITY][..], &[f64::INFINITY]] {
+        for name in ["out.csv", "out.ndjson", "out.parquet"] {
+            let folder = Folder::new(&[]);
+            let path = folder.path(name);
+            let trails = [planar("a", times)];
+            let error = write_trails(&Output::File(path.clone()), &trails, &layout, META, &options(&path, false));
+            assert!(matches!(error, Err(WriteError::NotFinite { .. })), "{name}: {error:?}");
+            assert!(folder.names().is_empty());
+        }
+    }
+}
+
+#[test]
+fn rows_that_all_have_an_estimate_are_written_as_others_are() {
+    let layout = Layout::kinematic(2, 2, &[]);
+    // Names that need quotes, numbers of every length.
+    for name in ["a", "a,\"b\"", ""] {
+        let times: Vec<f64> = (0..40).map(|i| 1.0 / 3.0 * 10_f64.powi(i - 20)).collect();
+        let mixed = text("out.csv", &[planar(name, &times)], &layout, &META, true);
+        for (k, line) in mixed.lines().skip(1).enumerate().filter(|(k, _)| *k != 1) {
+            let mut trail = Trail::new(4, false);
+            let mean = [HARD[k % 6], times[k], HARD[(k + 1) % 6], -0.5];
+            push(&mut trail, k as u64, Some(times[k]), Some(&mean), None);
+            let alone = TargetTrail { target: Some(name.to_owned()), trail, link: Default::default() };
+            let alone = text("out.csv", &[alone], &layout, &META, true);
+            assert_eq!(alone.lines().nth(1), Some(line));
+        }
+    }
+}
+
+#[test]
 fn outputs_that_cannot_be_are_refused_with_name_and_reason() {
     let layout = Layout::kinematic(2, 2, &[]);
     let trails = [planar("a", &[0.0])];

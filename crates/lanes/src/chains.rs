@@ -20,7 +20,7 @@ pub struct Integrators {
 ///
 /// `input[(track * steps + k) * 2..]` are the seconds since the instant before and the measurement (NaN: lost).
 /// `out[(track * steps + k) * M..]` are, after the update, the mean, the upper triangle of the covariance row by row, and of the measurement
-/// its innovation (NaN: lost) and the variance of that. A track that has fewer instants ends in lost ones.
+/// its innovation (NaN: lost) and the variance of that. Where a track has fewer instants, what stands behind them does not matter to these.
 ///
 /// # Panics
 /// When `steps` is 0, `M` is not `N + N(N+1)/2 + 2`, or `input` and `out` have not as many numbers as `tracks` ask for.

@@ -272,7 +272,7 @@ impl Series {
 const STRETCH: usize = 64;
 
 impl Positions<'_> {
-    /// The seconds since the instant before and the position on an axis, of the instants from one on; lost where there are no more.
+    /// The seconds since the instant before and the position on an axis, of the instants from one on, as far as there are any.
     fn stretch<const A: usize>(&self, from: usize, axis: usize, out: &mut [[f64; 2]]) {
         let there = out.len().min(self.t_s.len().saturating_sub(from));
         let mut before = if from > 0 && there > 0 { self.t_s[from - 1] } else { 0.0 };
@@ -281,7 +281,6 @@ impl Positions<'_> {
             *out = [now - before, self.positions[(from + k) * A + axis]];
             before = now;
         }
-        out[there..].fill([0.0, f64::NAN]);
     }
 }
 

@@ -464,6 +464,8 @@ fn row_groups_are_not_loaded_where_targets_are_apart_or_there_is_no_room() {
         assert!(!with(at, row).is_together(), "{row}");
     }
     with(100, "3.75,hidden,1.0,1.0").agrees();
+    let contradicted = with(100, "99.5,a,77.0,1.0").bounded("trail.csv", TOGETHER, 2).unwrap_err().to_string();
+    assert!(contradicted.contains("m.parquet:101"), "{contradicted}");
     // Half a position is a row like any other, a number out of bounds a bad one.
     for row in ["99.75,a,1.0,", "99.75,a,,1.0"] {
         assert!(with(100, row).is_together(), "{row}");
