@@ -404,13 +404,12 @@ impl TableSink for Rows<'_> {
     fn rows<S: Slab>(&mut self, line: u64, slab: &S) -> usize {
         let Some(plain) = &self.plain else { return 0 };
         let Some(t_s) = slab.numbers(plain.t) else { return 0 };
-        let count = plain.target.map_or(t_s.len(), |column| slab.alike(column)).min(t_s.len());
-        let is_ready = self.block.times.as_ref().is_some_and(|seen| !seen.form) && line + (count as u64) < MOST_LINES;
         let Some(values) = plain.values.iter().map(|column| slab.numbers(*column)).collect::<Option<Vec<_>>>() else {
             return 0;
         };
         let ordinary = |x: f64| x.abs() <= LARGEST;
-        if !is_ready || !ordinary(t_s[0]) {
+        let is_ready = self.block.times.as_ref().is_some_and(|seen| !seen.form);
+        if !is_ready || line + (t_s.len() as u64) >= MOST_LINES || !t_s.first().is_some_and(|t_s| ordinary(*t_s)) {
             return 0;
         }
         let id = match plain.target.map(|column| (slab.text(column), slab.whole(column))) {
@@ -422,6 +421,8 @@ impl TableSink for Rows<'_> {
         if id as usize >= MOST_TARGETS {
             return 0;
         }
+        // What goes over many rows comes last: a row that is not taken asks anew.
+        let count = plain.target.map_or(t_s.len(), |column| slab.alike(column)).min(t_s.len());
         let mut taken = 0;
         for (i, t_s) in t_s[..count].iter().enumerate() {
             self.numbers.iter_mut().zip(&values).for_each(|(number, column)| *number = column[i] + 0.0);

@@ -35,7 +35,7 @@ impl<'a> Loaded<'a> {
     }
 
     /// The row groups to load before each piece of work, so that each is there `ahead` pieces before its first; `work` are the spans of each
-    /// piece. `None` where more than `most` words would have to be there at once.
+    /// piece. `None` where more than about `most` words would have to be there at once.
     pub fn order<S: Iterator<Item = usize>>(
         &self,
         work: impl ExactSizeIterator<Item = S>,

@@ -53,7 +53,11 @@ impl From<BuildError> for Halt {
 
 impl From<WriteError> for Halt {
     fn from(error: WriteError) -> Halt {
-        Halt::Write(error)
+        match error {
+            // What the table says wrong stands before it.
+            WriteError::NotFinite { .. } => Halt::Otherwise,
+            error => Halt::Write(error),
+        }
     }
 }
 
@@ -218,6 +222,9 @@ impl<'a> Found<Spans, Groups<'a>> {
     }
 }
 
+/// Pieces of work before which a row group is loaded, at most: what is there must not grow with the machine.
+const MOST_AHEAD: usize = 8;
+
 /// A piece of the work.
 enum Piece {
     /// Loads a row group.
@@ -255,7 +262,7 @@ impl<'a> Desk<'a> {
         let Found::Groups(loaded) = &self.found else { return Some(jobs.into_iter().map(Piece::Track).collect()) };
         let spans = |job: &Range<usize>| targets[job.clone()].iter().flat_map(|(_, spans)| spans.iter().copied());
         // Another thread reads what comes next while targets are tracked.
-        let ahead = rayon::current_num_threads();
+        let ahead = rayon::current_num_threads().min(MOST_AHEAD);
         let loads = loaded.order(jobs.iter().map(spans), (ahead, room.loaded_words))?;
         let with_loads = |(loads, job): (Vec<usize>, _)| loads.into_iter().map(Piece::Load).chain([Piece::Track(job)]);
         Some(loads.into_iter().zip(jobs).flat_map(with_loads).collect())

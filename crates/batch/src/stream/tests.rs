@@ -481,6 +481,54 @@ fn row_groups_are_not_loaded_where_targets_are_apart_or_there_is_no_room() {
 }
 
 #[test]
+fn a_null_in_a_group_that_is_there_is_a_null() {
+    let schema = "message m { required double t; required byte_array target (UTF8); optional group pos { optional double x; \
+                  optional double y; } }";
+    let schema = Arc::new(parse_message_type(schema).unwrap());
+    let (mut bytes, rows) = (Vec::new(), 150);
+    let mut file = SerializedFileWriter::new(&mut bytes, schema, Arc::default()).unwrap();
+    let mut columns = file.next_row_group().unwrap();
+    let numbers: Vec<f64> = (0..rows).map(f64::from).collect();
+    // Row 70 has no x, and row 90 no position at all.
+    for (i, absent) in [(0, [0, 0]), (1, [0, 0]), (2, [70, 90]), (3, [90, 90])] {
+        let mut column = columns.next_column().unwrap().unwrap();
+        if i == 1 {
+            column
+                .typed::<ByteArrayType>()
+                .write_batch(&vec![ByteArray::from("a"); rows as usize], None, None)
+                .unwrap();
+        } else {
+            let is_there = |row: i32| i == 0 || !absent.contains(&row);
+            let level = |row| {
+                if is_there(row) {
+                    2
+                } else if row == 90 {
+                    0
+                } else {
+                    1
+                }
+            };
+            let levels: Vec<i16> = (0..rows).map(level).collect();
+            let there: Vec<f64> = numbers.iter().copied().filter(|x| is_there(*x as i32)).collect();
+            column.typed::<DoubleType>().write_batch(&there, (i > 1).then_some(&levels), None).unwrap();
+        }
+        column.close().unwrap();
+    }
+    columns.close().unwrap();
+    file.close().unwrap();
+    let mut case = Case::new("m.parquet", &bytes, spec_of(KALMAN, true, POSITIONS));
+    case.read.columns = [("x", "pos.x"), ("y", "pos.y")].map(|(a, b)| (a.to_owned(), b.to_owned())).into();
+    case.read.skip_bad_rows = true;
+    case.agrees();
+    let text = String::from_utf8(case.bounded("trail.csv", TOGETHER, 1).unwrap()).unwrap();
+    // The row without a position is bad; the one without x is updated by y alone, and those behind them are where they were.
+    let row =
+        |line: usize| text.lines().nth(line + 1).unwrap().split(',').take(3).map(str::to_owned).collect::<Vec<_>>();
+    assert_eq!((text.lines().count(), row(70)[1].as_str(), row(90)[1].as_str()), (rows as usize, "70.0", "91.0"));
+    assert!((row(148)[2].parse::<f64>().unwrap() - 149.0).abs() < 1.0, "{:?}", row(148));
+}
+
+#[test]
 fn what_needs_the_whole_table_is_not_tracked_out_of_the_file() {
     let mut random = Random(8);
     let rows = together(&mut random);

@@ -334,7 +334,7 @@ impl<'e> Sheaf<'e> {
         let rows = match &encoder.parquet {
             Some(form) => Rows::Columns(form.buffers(rows)),
             // What is not needed is never touched.
-            None => Rows::Text(Vec::with_capacity(rows * CELL_BYTES * encoder.columns.list.len())),
+            None => Rows::Text(Vec::with_capacity(rows.min(GROUP_ROWS) * CELL_BYTES * encoder.columns.list.len())),
         };
         Sheaf { encoder, rows }
     }

@@ -130,8 +130,10 @@ struct Column {
     reader: ColumnReader,
     meaning: Meaning,
     optional: bool,
-    /// 1 where a value is present (optional columns).
+    /// How deep each row goes (optional columns).
     levels: Vec<i16>,
+    /// The level of a row whose value is present: those of nullable groups around the column count too.
+    present: i16,
     /// Whether every row has a value.
     is_full: bool,
     /// Position of each row's value, where some have none.
@@ -168,11 +170,12 @@ impl Column {
                 _ => Meaning::Number,
             },
         };
-        let optional = descriptor.max_def_level() > 0;
+        let present = descriptor.max_def_level();
         Column {
             reader,
             meaning,
-            optional,
+            optional: present > 0,
+            present,
             levels: Vec::new(),
             is_full: true,
             places: Vec::new(),
@@ -215,13 +218,13 @@ impl Column {
         };
         self.values = values;
         self.places.clear();
-        self.is_full = !optional || self.levels.len() >= read && self.levels[..read].iter().all(|l| *l > 0);
+        self.is_full = !optional || self.levels.len() >= read && self.levels[..read].iter().all(|l| *l == self.present);
         if self.is_full {
             return Ok(read);
         }
         let mut present = 0;
         for row in 0..read {
-            let is_there = self.levels.get(row).is_some_and(|l| *l > 0);
+            let is_there = self.levels.get(row).is_some_and(|l| *l == self.present);
             self.places.push(is_there.then_some(present));
             present += usize::from(is_there);
         }

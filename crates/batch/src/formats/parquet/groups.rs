@@ -51,7 +51,10 @@ impl<'a> Groups<'a> {
         let work = |reader: &mut Option<Reader>, group: &Group| {
             let found = table.opened(reader).and_then(|reader| {
                 let names = || Batch::open(reader, group.number, |i| i == column);
-                let look = || runs(names()?, names()?, column, group.rows);
+                let fewest = |runs: usize| {
+                    fewest_rows.saturating_mul((runs as u64).saturating_sub(1)) <= group.before + group.rows as u64
+                };
+                let look = || runs(names()?, names()?, (column, group.rows), fewest);
                 super::contained(look).map_err(|e| table.damaged(group.before, &e))
             });
             found.map(|found| (found, table.done(group)))
@@ -101,13 +104,18 @@ impl<'a> Groups<'a> {
     }
 }
 
-/// The runs of a row group; `None` where there is a row without a name.
+/// The runs of a row group; `None` where there is a row without a name, or more runs than are `allowed`.
 ///
 /// Only every 64th row is looked at, and all rows between two that differ: what stands between two rows of one target is taken to be its
 /// own. `coarse` and `fine` read the same column.
-fn runs(mut coarse: Batch, mut fine: Batch, column: usize, rows: usize) -> Result<Option<Runs>, ParquetError> {
+fn runs(
+    mut coarse: Batch,
+    mut fine: Batch,
+    (column, rows): (usize, usize),
+    allowed: impl Fn(usize) -> bool,
+) -> Result<Option<Runs>, ParquetError> {
     let mut runs: Runs = Vec::new();
-    let mut add = |name: &str, rows: u64| match runs.last_mut() {
+    let add = |runs: &mut Runs, name: &str, rows: u64| match runs.last_mut() {
         Some((last, n)) if last == name => *n += rows,
         _ => runs.push((name.to_owned(), rows)),
     };
@@ -119,7 +127,7 @@ fn runs(mut coarse: Batch, mut fine: Batch, column: usize, rows: usize) -> Resul
         coarse.load(1)?;
         let Some(name) = name(&coarse, column) else { return Ok(None) };
         if looked > 0 && name == last {
-            add(&name, step as u64);
+            add(&mut runs, &name, step as u64);
         } else {
             fine.skip(looked - refined)?;
             fine.load(step)?;
@@ -127,11 +135,14 @@ fn runs(mut coarse: Batch, mut fine: Batch, column: usize, rows: usize) -> Resul
             for row in 0..step {
                 fine.row = row;
                 let Some(name) = self::name(&fine, column) else { return Ok(None) };
-                add(&name, 1);
+                add(&mut runs, &name, 1);
             }
             last = name;
         }
         looked += step;
+        if !allowed(runs.len()) {
+            return Ok(None);
+        }
     }
     Ok(Some(runs))
 }

@@ -124,7 +124,7 @@ impl<'a> Table<'a> {
     /// Tells a sink of the columns; returns which of them it wants.
     fn columns<S: TableSink>(&self, sink: &mut S) -> Result<Vec<bool>, BuildError> {
         let schema = self.reader()?.metadata().file_metadata().schema_descr_ptr();
-        // A nested column keeps its dotted path, a name that nobody asks for.
+        // A nested column keeps its dotted path.
         let names: Vec<String> = schema.columns().iter().map(|c| c.path().string()).collect();
         let wanted = sink.columns(&names, Extent::Whole)?;
         match (0..names.len()).find(|&i| wanted[i] && schema.column(i).max_rep_level() > 0) {
