@@ -5,7 +5,7 @@ mod oracle;
 use fixtrail_core::estimators::fms::element::Element;
 use fixtrail_core::estimators::fms::gain::Shape;
 use fixtrail_core::estimators::fms::invariant::{InvariantWindow, Model};
-use fixtrail_core::estimators::fms::two_filter::{TwoFilter, inverse_of, row_back};
+use fixtrail_core::estimators::fms::two_filter::{TwoFilter, inverse_of, take_row};
 use fixtrail_core::estimators::fms::varying::Varying;
 use fixtrail_core::estimators::fms::{Align, STACKS_FROM, TWO_FILTER_FROM};
 use fixtrail_core::{Belief, Matrix, Row, Transition, Vector};
@@ -234,7 +234,7 @@ fn a_backward_filter_refuses_what_would_lose_digits() {
     let taken = |leaps: usize| {
         let mut past = Element::identity();
         (0..leaps).for_each(|_| past.leap_back(&inverse, &leap.next, &leap.q));
-        row_back(&mut past, &row).is_some()
+        take_row(&mut past, &row).is_some()
     };
     assert_eq!([0, 9, 10, 20].map(taken), [true, true, false, false]);
 
@@ -262,7 +262,17 @@ fn a_window_refused_is_asked_for_again_when_it_has_passed() {
     assert_eq!(asked, 3);
     assert!(window.turn(4, |_, _| Some(())).is_some());
     assert_eq!(window.len(), 4);
-    window.push(|_| ());
+    window.push(|_| Some(()));
     window.drop_front(5);
     assert!(window.is_empty());
+
+    // An instant that cannot be added empties the window too, until as many have come as it had.
+    assert!(window.turn(4, |_, _| Some(())).is_some());
+    window.push(|_| None);
+    assert!(window.is_empty());
+    for k in 0..4 {
+        assert!(window.turn(4, |_, _| Some(())).is_none(), "row {k}");
+        window.push(|_| Some(()));
+    }
+    assert!(window.turn(4, |_, _| Some(())).is_some());
 }

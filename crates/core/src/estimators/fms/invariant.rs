@@ -3,7 +3,7 @@
 use crate::estimators::diffuse::{Diffuse, Joint};
 use crate::estimators::fms::gain::{Column, Gain, Invariant, Shape};
 use crate::estimators::fms::lost::{LostRows, MOST_LOST};
-use crate::estimators::fms::two_filter::{TwoFilter, inverse_of, row_back};
+use crate::estimators::fms::two_filter::{TwoFilter, inverse_of, take_row};
 use crate::estimators::fms::varying::Varying;
 use crate::estimators::fms::{Align, STACKS_FROM};
 use crate::estimators::kalman::finite;
@@ -361,12 +361,11 @@ impl<const N: usize, S: Store> InvariantWindow<N, S> {
             if align == Align::Filtered {
                 future.leap(f, &offset, q);
             }
-            for row in &rows[..count] {
-                future.row(row);
-            }
+            rows[..count].iter().try_for_each(|row| take_row(future, row))?;
             if align == Align::Predicted {
                 future.leap(f, &offset, q);
             }
+            Some(())
         });
     }
 
@@ -384,7 +383,7 @@ impl<const N: usize, S: Store> InvariantWindow<N, S> {
                     past.leap_back(&inverse, &self.drive(i), &self.leap.q);
                 }
                 let count = self.rows(i, &mut rows);
-                rows[..count].iter().try_for_each(|row| row_back(past, row))
+                rows[..count].iter().try_for_each(|row| take_row(past, row))
             });
             self.two = Some(two);
             turned?;

@@ -17,8 +17,8 @@ use crate::linalg::Lu;
 use crate::storage::Store;
 use crate::types::{Belief, Matrix, Row};
 
-/// Largest ratio of a row's variance given the boundary to that of its noise, where six digits of the backward covariance go: an F
-/// that forgets makes its inverse grow.
+/// Largest ratio of a row's variance given the boundary to that of its noise, where six digits of the covariance go: an F that forgets makes its
+/// inverse grow, a long gap the covariance either way.
 const MOST: f64 = 1e6;
 
 /// Largest `Σ_k |F_ik F⁻¹_ki|` over i, where three digits of the inverse go; 1 for triangular F.
@@ -63,15 +63,17 @@ impl<const N: usize, S: Store> TwoFilter<N, S> {
         self.future_len = 0;
     }
 
-    /// Adds the newest instant to a window that is not empty: `instant` takes its rows and the leap to it or from it, as
-    /// [`turn`](TwoFilter::turn) did.
+    /// Adds the newest instant to a window that is not empty: `instant` takes its rows by [`take_row`] and the leap to it or from it, as
+    /// [`turn`](TwoFilter::turn) did. Where that loses digits the window is empty, and taken anew once as many instants have come.
     #[inline]
-    pub fn push(&mut self, instant: impl FnOnce(&mut Element<N>)) {
+    pub fn push(&mut self, instant: impl FnOnce(&mut Element<N>) -> Option<()>) {
         if self.is_empty() {
             self.rest = self.rest.saturating_sub(1);
-        } else {
-            instant(&mut self.future);
+        } else if instant(&mut self.future).is_some() {
             self.future_len += 1;
+        } else {
+            self.rest = self.len();
+            self.clear();
         }
     }
 
@@ -85,7 +87,7 @@ impl<const N: usize, S: Store> TwoFilter<N, S> {
     }
 
     /// Takes a window of `len` instants, the boundary at its end. `back(i, past)` goes back over instant `i`: the leap that follows
-    /// it, if it is before the boundary, by [`Element::leap_back`], and its rows by [`row_back`]. `None` when that loses digits or the store
+    /// it, if it is before the boundary, by [`Element::leap_back`], and its rows by [`take_row`]. `None` when that loses digits or the store
     /// has no room, and then until as many instants have come; the window is empty then.
     pub fn turn(&mut self, len: usize, mut back: impl FnMut(usize, &mut Element<N>) -> Option<()>) -> Option<()> {
         self.clear();
@@ -119,10 +121,10 @@ impl<const N: usize, S: Store> TwoFilter<N, S> {
     }
 }
 
-/// Takes a row in the backward filter; `None` when too many digits would go.
+/// Takes a row in either filter; `None` when too many digits would go.
 #[inline]
-pub fn row_back<const N: usize>(past: &mut Element<N>, row: &Row<N>) -> Option<()> {
-    (past.row(row) <= MOST * row.var).then_some(())
+pub fn take_row<const N: usize>(filter: &mut Element<N>, row: &Row<N>) -> Option<()> {
+    (filter.row(row) <= MOST * row.var).then_some(())
 }
 
 /// Returns F⁻¹; `None` when F is singular or its inverse would lose digits.

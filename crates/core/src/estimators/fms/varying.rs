@@ -7,7 +7,7 @@
 use crate::estimators::diffuse::{Diffuse, Joint};
 use crate::estimators::fms::element::{Information, LEAST_PIVOT};
 use crate::estimators::fms::stacks::Stacks;
-use crate::estimators::fms::two_filter::{TwoFilter, inverse_of, row_back};
+use crate::estimators::fms::two_filter::{TwoFilter, inverse_of, take_row};
 use crate::estimators::fms::window::{Node, Window};
 use crate::estimators::fms::{STACKS_FROM, TWO_FILTER_FROM};
 use crate::estimators::kalman::{finite, propagate};
@@ -67,9 +67,7 @@ impl<const N: usize, S: Store> Varying<N, S> {
         if let Some(two) = &mut self.two {
             two.push(|future| {
                 future.leap(&arrive.f, &arrive.next, &arrive.q);
-                for row in self.window.get(len).rows() {
-                    future.row(row);
-                }
+                self.window.get(len).rows().iter().try_for_each(|row| take_row(future, row))
             });
         }
         if let (Some(queues), true) = (&mut self.queues, len > 0)
@@ -146,7 +144,7 @@ impl<const N: usize, S: Store> Varying<N, S> {
                     past.leap_back(&inverse, next, q);
                     last = Some((f, inverse));
                 }
-                window.get(i).rows().iter().try_for_each(|row| row_back(past, row))
+                window.get(i).rows().iter().try_for_each(|row| take_row(past, row))
             })?;
             if let Some(queues) = &mut self.queues {
                 queues.valid = false;
