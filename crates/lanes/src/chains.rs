@@ -98,17 +98,20 @@ impl<const N: usize, const M: usize> WithSimd for Tracks<'_, N, M> {
 fn load<S: Simd, const N: usize>(simd: S, tracks: &[Chain<f64, N>]) -> Chain<Wide<S>, N> {
     let blank = Wide::splat(simd, 0.0);
     let mut belief = Chain { mean: [blank; N], cov: [[blank; N]; N] };
-    let mut row = [0.0; MOST];
     for i in 0..N {
-        for (number, track) in row.iter_mut().zip(tracks) {
-            *number = track.mean[i];
-        }
-        belief.mean[i] = Wide::load(simd, &row);
+        belief.mean[i] = Wide::gather(
+            simd,
+            tracks,
+            #[inline(always)]
+            |track| track.mean[i],
+        );
         for j in i..N {
-            for (number, track) in row.iter_mut().zip(tracks) {
-                *number = track.cov[i][j];
-            }
-            belief.cov[i][j] = Wide::load(simd, &row);
+            belief.cov[i][j] = Wide::gather(
+                simd,
+                tracks,
+                #[inline(always)]
+                |track| track.cov[i][j],
+            );
         }
     }
     belief

@@ -1,7 +1,7 @@
 //! Extended Kalman filters of targets that turn, ranges measured, many tracks side by side.
 
 use crate::tiles::tiles;
-use crate::wide::{MOST, Wide};
+use crate::wide::Wide;
 use fixtrail_core::kernels::{Packed, Turn};
 use pulp::{Arch, Simd, WithSimd};
 
@@ -83,17 +83,20 @@ impl WithSimd for Tracks<'_> {
 #[inline(always)]
 fn gathered<S: Simd, const N: usize>(simd: S, tracks: &[Packed<f64, N>]) -> Packed<Wide<S>, N> {
     let mut out = Packed { mean: [Wide::splat(simd, 0.0); N], cov: [[Wide::splat(simd, 0.0); N]; N] };
-    let mut row = [0.0; MOST];
     for i in 0..N {
-        for (number, track) in row.iter_mut().zip(tracks) {
-            *number = track.mean[i];
-        }
-        out.mean[i] = Wide::load(simd, &row);
+        out.mean[i] = Wide::gather(
+            simd,
+            tracks,
+            #[inline(always)]
+            |track| track.mean[i],
+        );
         for j in i..N {
-            for (number, track) in row.iter_mut().zip(tracks) {
-                *number = track.cov[i][j];
-            }
-            out.cov[i][j] = Wide::load(simd, &row);
+            out.cov[i][j] = Wide::gather(
+                simd,
+                tracks,
+                #[inline(always)]
+                |track| track.cov[i][j],
+            );
         }
     }
     out

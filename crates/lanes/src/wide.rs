@@ -50,6 +50,16 @@ impl<S: Simd> Wide<S> {
         Wide { simd, registers: [whole[0], whole[1]] }
     }
 
+    /// A number of each track.
+    #[inline(always)]
+    pub fn gather<T>(simd: S, tracks: &[T], number: impl Fn(&T) -> f64) -> Self {
+        let mut row = [0.0; MOST];
+        for (value, track) in row.iter_mut().zip(tracks) {
+            *value = number(track);
+        }
+        Wide::load(simd, &row)
+    }
+
     /// Writes the number of each track to the first of `row`.
     #[inline(always)]
     pub fn store(self, row: &mut [f64]) {
