@@ -113,6 +113,23 @@ fn rows_by_time_hold_what_rows_by_target_hold() {
 }
 
 #[test]
+fn large_table_that_is_kept_in_memory_is_said_to_be() {
+    let folder = walk_folder();
+    // A header that the reader refuses at once, and a hole.
+    folder.write("large.csv", "x,y\n");
+    let file = File::options().write(true).open(folder.path("large.csv")).expect("a file");
+    file.set_len(300_000_000).expect("room for a hole");
+    let arguments = ["track", "-c", "spec.toml", "large.csv", "-o", "t.csv"];
+    let bounded = folder.run(&arguments);
+    assert!(!bounded.err.contains("memory"), "{bounded:?}");
+    let kept = folder.run(&[&arguments[..], &["--order", "time", "--report", "r.html"]].concat());
+    assert!(
+        kept.err.contains("0.3 GB are kept in memory, several times over, for `--report` and `--order time`"),
+        "{kept:?}"
+    );
+}
+
+#[test]
 fn lagged_columns_come_from_estimators_that_smooth_only() {
     let folder = walk_folder();
     let refused = folder.run(&["track", "-c", "spec.toml", "m.csv", "-o", "t.csv", "--lagged", "both"]);

@@ -36,6 +36,31 @@ fn tuned_specs_track_and_say_where_their_numbers_come_from() {
 }
 
 #[test]
+fn widths_that_rest_on_few_errors_are_said_to() {
+    let folder = with_truth();
+    // The truth of someone who measures half a metre off, to one side and then to the other.
+    let truth = folder.text("truth.csv");
+    let displaced = |line: &str| {
+        let mut cells = line.split(',').map(str::to_owned).collect::<Vec<_>>();
+        let (t, x): (f64, f64) = (cells[0].parse().ok()?, cells[2].parse().ok()?);
+        cells[2] = (x + 0.5 * (0.3 * t).sin()).to_string();
+        Some(cells.join(","))
+    };
+    let lines: Vec<String> = truth.lines().map(|line| displaced(line).unwrap_or_else(|| line.to_owned())).collect();
+    folder.write("off.csv", lines.join("\n"));
+    let tuned = |truth: &str| {
+        let arguments =
+            ["tune", "-c", "spec.toml", "m.csv", "--truth", truth, "-o", "tuned.toml", "--keep-structure", "--json"];
+        let said = folder.run(&arguments).good();
+        let independent = said.json()["widths"]["independent_errors"].as_f64().expect("a number");
+        (independent, said.err.contains("independent errors: elsewhere the 95 % ellipse may hold far less"))
+    };
+    let (few, many) = (tuned("off.csv"), tuned("truth.csv"));
+    assert!(few.0 < 10.0 && few.1, "{few:?}");
+    assert!(many.0 > 10.0 && !many.1, "{many:?}");
+}
+
+#[test]
 fn without_truth_or_spec_the_next_measurements_decide() {
     let folder = with_truth();
     let said = folder.run(&["tune", "m.csv", "-o", "tuned.toml", "--first", "0.5", "--keep-structure"]).good();

@@ -11,7 +11,7 @@ use crate::runs::{self, Tracked};
 use crate::{scores, whole};
 use clap::{Args, ValueEnum};
 use fixtrail_batch::{
-    FileError, FileOutcome, FileRun, Order, OutFormat, Output, Phase, Table, Totals, WriteError, WriteOptions,
+    FileError, FileOutcome, FileRun, Input, Order, OutFormat, Output, Phase, Table, Totals, WriteError, WriteOptions,
     read_anchors, track_file, write_trails,
 };
 use fixtrail_report::{Page, Series, render};
@@ -102,6 +102,28 @@ impl Arguments {
         if self.destination() == Output::Stdout { Results::Stderr } else { Results::Stdout }
     }
 
+    /// Says of a large file what keeps it in memory, before it fills it.
+    fn warn_of_memory(&self, has_spec: bool) {
+        let Input::File(path) = self.data.input() else { return };
+        let Ok(bytes) = std::fs::metadata(&path).map(|file| file.len()) else { return };
+        if bytes < LARGE_INPUT {
+            return;
+        }
+        let flags = [
+            ("a run without `-c`", !has_spec),
+            ("`--report`", self.report.is_some()),
+            ("`--truth`", self.truth.is_some()),
+            ("`--order time`", self.order == OrderName::Time),
+        ];
+        let causes: Vec<&str> = flags.into_iter().filter_map(|(name, is_set)| is_set.then_some(name)).collect();
+        say(format_args!(
+            "{}: {:.1} GB are kept in memory, several times over, for {}; `-c SPEC` alone takes a file of any size",
+            path.display(),
+            bytes as f64 * 1e-9,
+            causes.join(" and "),
+        ));
+    }
+
     /// Finds out before the run what would stop it at its end.
     fn check_outputs(&self) -> Result<OutFormat, Failure> {
         let destination = self.destination();
@@ -119,6 +141,9 @@ impl Arguments {
         Ok(format)
     }
 }
+
+/// Bytes of input from which on it is said that the run keeps all of it.
+const LARGE_INPUT: u64 = 200_000_000;
 
 /// What the run made.
 struct Outcome {
@@ -149,6 +174,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         Some(spec) if streams => return stream(arguments, &spec, &options, started),
         given => given,
     };
+    arguments.warn_of_memory(given.is_some());
     let Data { table, survey, spec, unused } = arguments.data.load_with(given, Wanted::Spec)?;
     let spec = spec.map_err(|why| arguments.data.no_spec(&why))?;
     check_mode(&spec, arguments.lagged)?;

@@ -195,6 +195,9 @@ fn merit_text(merit: &Merit) -> String {
     }
 }
 
+/// Fewer independent errors than this leave the widths open by more than Student's factor of 1.15.
+const FEW_ERRORS: f64 = 10.0;
+
 fn summary(arguments: &Arguments, tuned: &Tuned) -> String {
     let mut out = format!("before: {}\nafter:  {}\n", merit_text(&tuned.before), merit_text(&tuned.after));
     for tried in &tuned.structures {
@@ -203,6 +206,13 @@ fn summary(arguments: &Arguments, tuned: &Tuned) -> String {
     }
     if let Some(arrival) = &tuned.arrival {
         out += &format!("arrival rate {} ± {}\n", short(arrival.rate), short(arrival.sd));
+    }
+    if let Some((_, honesty)) = tuned.honesty.filter(|(_, honesty)| honesty.independent < FEW_ERRORS) {
+        out += &format!(
+            "the claimed widths rest on {:.0} independent errors: elsewhere the 95 % ellipse may hold far less; tune on more recordings with \
+             truth, or longer ones\n",
+            honesty.independent
+        );
     }
     out + &format!("{}: tuned in {} runs", arguments.output.display(), tuned.runs)
 }
@@ -216,6 +226,9 @@ fn as_json(tuned: &Tuned) -> serde_json::Value {
         "changes": tuned.structures.iter().map(|t| json!({
             "change": t.change.name(), "gain": t.gain, "standard_error": t.error, "taken": t.taken,
         })).collect::<Vec<_>>(),
+        "widths": tuned.honesty.map(|(scale, honesty)| json!({
+            "scale": scale, "coverage95": honesty.coverage, "independent_errors": honesty.independent,
+        })),
         "arrival": tuned.arrival.map(|a| json!({ "rate": a.rate, "standard_error": a.sd, "values": a.values })),
         "runs": tuned.runs,
     })
