@@ -13,6 +13,7 @@ use fixtrail_core::estimators::fms::gain::Shape;
 use fixtrail_core::estimators::fms::invariant::{InvariantWindow, Model};
 use fixtrail_core::kernels::{Axes, Chain, FixedLag, Leap, Packed, Past, Turn, series, smooth};
 use fixtrail_core::storage::Fixed;
+use fixtrail_lanes::Ranging;
 use nalgebra::SMatrix;
 use std::hint::black_box;
 use std::path::{Path, PathBuf};
@@ -216,14 +217,8 @@ fn run(workload: &str, folder: &Path, reps: usize) -> Result<String, String> {
             let motion = Turn::with_noise(data.at(0, 5, 0, 1), &q);
             let anchors = numbers(&folder.join("W5.anchors"))?;
             let (anchors_m, _) = anchors.as_chunks::<2>();
-            whole(reps, len, n, |out| {
-                let mut belief = Packed::of(&start);
-                for (k, (z, out)) in data.z.iter().zip(out.as_chunks_mut::<5>().0).enumerate() {
-                    let (next, s) = belief.predict(&motion).range(&anchors_m[k % anchors_m.len()], *z, var);
-                    belief = next.checked(s).unwrap_or(belief);
-                    *out = belief.mean;
-                }
-            })
+            let problem = Ranging { motion, anchors_m, var };
+            whole(reps, len, n, |out| fixtrail_lanes::range(&problem, &[Packed::of(&start)], &data.z, steps, out))
         }
         "W7" => {
             let (_, w, var) = data.whole::<3>();

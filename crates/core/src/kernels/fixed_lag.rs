@@ -14,39 +14,47 @@ pub struct FixedLag<const N: usize, const L: usize> {
     belief: Chain<f64, N>,
     /// Before the oldest step that is remembered.
     lagged: Chain<f64, N>,
-    /// The last `L` steps in a ring, each with the motion that led to it.
-    steps: [(Drift<f64, N>, Past<N>); L],
+    /// The last `L` steps in a ring.
+    steps: [Step<N>; L],
     /// Where the oldest step is, and the next will be.
     head: usize,
     /// How many steps there are.
     len: usize,
 }
 
+/// A step that is remembered.
+#[derive(Clone, Copy, Debug)]
+struct Step<const N: usize> {
+    /// The motion that led to it.
+    drift: Drift<f64, N>,
+    /// The mean after it.
+    mean: [f64; N],
+    past: Past<N>,
+    /// Innovation over its variance.
+    pull: f64,
+}
+
 impl<const N: usize, const L: usize> FixedLag<N, L> {
     /// Starts before the first interval.
     pub fn new(start: &Chain<f64, N>) -> Self {
         const { assert!(L > 0, "a lag of no steps is the filter") };
-        FixedLag {
-            belief: *start,
-            lagged: *start,
-            steps: [(Leap::new(0.0, 0.0).drift, Past::EMPTY); L],
-            head: 0,
-            len: 0,
-        }
+        let empty = Step { drift: Leap::new(0.0, 0.0).drift, mean: [0.0; N], past: Past::EMPTY, pull: 0.0 };
+        FixedLag { belief: *start, lagged: *start, steps: [empty; L], head: 0, len: 0 }
     }
 
     /// Takes one step: an interval of motion, then a measurement `z` of the position with variance `var` (NaN: lost).
     #[inline(always)]
     pub fn push(&mut self, leap: &Leap<f64, N>, var: f64, z: f64) {
-        let past = Past::of(&self.belief.predict(leap), var, z);
+        let prior = self.belief.predict(leap);
+        let (past, mean) = Past::of(&prior, var, z);
         let step = &mut self.steps[self.head];
         if self.len == L {
-            self.lagged = step.1.filtered;
+            self.lagged = Chain { mean: step.mean, cov: step.past.cov };
         } else {
             self.len += 1;
         }
-        self.belief = past.filtered;
-        *step = (leap.drift, past);
+        self.belief = Chain { mean, cov: past.cov };
+        *step = Step { drift: leap.drift, mean, past, pull: past.pull(prior.mean[0], z) };
         self.head = if self.head + 1 == L { 0 } else { self.head + 1 };
     }
 
@@ -62,8 +70,8 @@ impl<const N: usize, const L: usize> FixedLag<N, L> {
             return None;
         }
         let mut lambda = [0.0; N];
-        for (drift, past) in self.newest_first() {
-            lambda = drift.back(&past.before_mean(&lambda));
+        for step in self.newest_first() {
+            lambda = step.drift.back(&step.past.before_mean(&lambda, step.pull));
         }
         Some(Adjoint { lambda, big: [[0.0; N]; N] }.mean(&self.lagged))
     }
@@ -75,14 +83,14 @@ impl<const N: usize, const L: usize> FixedLag<N, L> {
             return None;
         }
         let mut adjoint = Adjoint::NONE;
-        for (drift, past) in self.newest_first() {
-            adjoint = adjoint.over(past).earlier(drift);
+        for step in self.newest_first() {
+            adjoint = adjoint.over(&step.past, step.pull).earlier(&step.drift);
         }
         Some(adjoint.correct(&self.lagged).1)
     }
 
     #[inline(always)]
-    fn newest_first(&self) -> impl Iterator<Item = &(Drift<f64, N>, Past<N>)> {
+    fn newest_first(&self) -> impl Iterator<Item = &Step<N>> {
         let (newer, older) = self.steps.split_at(self.head);
         newer.iter().rev().chain(older.iter().rev())
     }

@@ -29,27 +29,32 @@ impl<const N: usize, const M: usize> Sliding<N, M> {
     /// Takes a measurement (NaN: lost) and returns the estimate from the last `M`; `None` while there are fewer, or one of them is lost.
     #[inline(always)]
     pub fn push(&mut self, z: f64) -> Option<[f64; N]> {
-        self.ring[0][self.head] = z;
-        self.ring[1][self.head] = z;
-        self.head = if self.head + 1 == M { 0 } else { self.head + 1 };
+        let newest = self.head;
+        self.ring[0][newest] = z;
+        self.ring[1][newest] = z;
+        let head = if newest + 1 == M { 0 } else { newest + 1 };
+        self.head = head;
         self.missing = if z.is_nan() { M } else { self.missing.saturating_sub(1) };
         if self.missing > 0 {
             return None;
         }
-        let window = self.ring.as_flattened()[self.head..].first_chunk::<M>()?;
-        // A measurement at a time: read in pairs, those that were written one by one a moment ago would be waited for. Two sums, for each
-        // addition waits for the last.
-        let (mut even, mut odd) = ([0.0; N], [0.0; N]);
-        let ((gains, last_gain), (pairs, last)) = (self.gain.as_chunks::<2>(), window.as_chunks::<2>());
-        for (gain, z) in gains.iter().zip(pairs) {
-            add(&mut even, &gain[0], z[0]);
-            add(&mut odd, &gain[1], z[1]);
+        let window = self.ring.as_flattened()[head..].first_chunk::<M>()?;
+        // A measurement at a time: read in pairs, those that were written one by one a moment ago would be waited for. Three sums, for
+        // each addition waits for the last.
+        let mut sums = [[0.0; N]; 3];
+        let ((gains, last_gains), (threes, last)) = (self.gain.as_chunks::<3>(), window.as_chunks::<3>());
+        for (gains, threes) in gains.iter().zip(threes) {
+            for (sum, (gain, z)) in sums.iter_mut().zip(gains.iter().zip(threes)) {
+                add(sum, gain, *z);
+            }
         }
-        for (gain, z) in last_gain.iter().zip(last) {
-            add(&mut even, gain, *z);
+        for (sum, (gain, z)) in sums.iter_mut().zip(last_gains.iter().zip(last)) {
+            add(sum, gain, *z);
         }
-        add(&mut even, &odd, 1.0);
-        Some(even)
+        let [mut all, second, third] = sums;
+        add(&mut all, &second, 1.0);
+        add(&mut all, &third, 1.0);
+        Some(all)
     }
 }
 

@@ -30,54 +30,86 @@ pub fn series<const N: usize>(
     let count = z.len().min(out.len());
     let mut k = 0;
     while k < count {
-        // The remembered covariance is that of the last loss or start: until it is renewed nothing is equal to it by chance.
-        let (mut remembered, mut since, mut renewal) = (belief.cov, 0, 1);
+        let mut cycle = Cycle::new(&belief.cov);
         let mut period = None;
         while k < count && period.is_none() {
             let gain;
             (belief, gain) = belief.predict(leap).update(z[k], var);
             out[k] = belief.mean;
-            if z[k].is_nan() {
-                k += 1;
+            k += 1;
+            if z[k - 1].is_nan() {
                 break;
             }
-            k += 1;
-            gains[since % LONGEST_CYCLE] = gain;
-            since += 1;
-            if same(&belief.cov, &remembered) {
-                period = (since <= LONGEST_CYCLE).then_some(since);
-            } else if since == renewal {
-                (remembered, since, renewal) = (belief.cov, 0, renewal.saturating_mul(2));
-            }
+            gains[cycle.since % LONGEST_CYCLE] = gain;
+            period = cycle.closes(&belief.cov);
         }
         let Some(period) = period else { continue };
         // Gains of one cycle stand in order, the covariance is that at its end.
-        let from = k;
-        let mut mean = belief.mean;
+        let kept = leap.keep(&gains[..period], &mut belief.mean, &z[k..count], &mut out[k..count]);
+        if kept > 0 {
+            first_kept = first_kept.or(Some(k));
+        }
+        k += kept;
+        // Within the cycle the covariance has gone on by the steps taken of it.
+        for _ in 0..kept % period {
+            belief.cov = belief.predict(leap).update(0.0, var).0.cov;
+        }
+    }
+    (belief, first_kept)
+}
+
+/// Looks for a covariance that comes again, bit for bit.
+pub(super) struct Cycle<const N: usize> {
+    remembered: [[f64; N]; N],
+    /// Steps since the remembered one.
+    pub(super) since: usize,
+    renewal: usize,
+}
+
+impl<const N: usize> Cycle<N> {
+    /// Remembers the covariance of the last loss or start: until it is renewed nothing is equal to it by chance.
+    #[inline(always)]
+    pub(super) fn new(cov: &[[f64; N]; N]) -> Self {
+        Cycle { remembered: *cov, since: 0, renewal: 1 }
+    }
+
+    /// Takes the covariance of the next step; the length of the cycle that it closes, if it is one that is kept.
+    #[inline(always)]
+    pub(super) fn closes(&mut self, cov: &[[f64; N]; N]) -> Option<usize> {
+        self.since += 1;
+        if same(cov, &self.remembered) {
+            return (self.since <= LONGEST_CYCLE).then_some(self.since);
+        }
+        if self.since == self.renewal {
+            *self = Cycle { remembered: *cov, since: 0, renewal: self.renewal.saturating_mul(2) };
+        }
+        None
+    }
+}
+
+impl<const N: usize> Leap<f64, N> {
+    /// Carries a mean on with the gains of a cycle in turn, up to the first loss; how many steps that are.
+    #[inline(always)]
+    pub(super) fn keep(&self, gains: &[[f64; N]], mean: &mut [f64; N], z: &[f64], out: &mut [[f64; N]]) -> usize {
+        let mut k = 0;
+        let mut now = *mean;
         'kept: loop {
-            for gain in &gains[..period] {
-                if k == count || z[k].is_nan() {
+            for gain in gains {
+                if k == z.len() || z[k].is_nan() {
                     break 'kept;
                 }
-                mean = leap.moved(&mean);
-                let e = z[k] - mean[0];
+                now = self.moved(&now);
+                let e = z[k] - now[0];
                 for i in 0..N {
-                    mean[i] += gain[i] * e;
+                    now[i] += gain[i] * e;
                 }
-                out[k] = mean;
+                out[k] = now;
                 k += 1;
             }
         }
-        if k > from {
-            first_kept = first_kept.or(Some(from));
-        }
-        // Within the cycle the covariance has gone on by the steps taken of it.
-        for _ in 0..(k - from) % period {
-            belief = belief.predict(leap).update(0.0, var).0;
-        }
-        belief.mean = mean;
+        *mean = now;
+        k
     }
-    (belief, first_kept)
 }
 
 /// Whether two upper triangles are equal, bit for bit.
