@@ -201,7 +201,7 @@ impl<'a> Rows<'a> {
             let before = self.block.offset_s.unwrap_or(Some(offset_s));
             self.block.offset_s = Some(before.filter(|o| *o == offset_s));
         }
-        let packet = Packet { t_s, k, content, sd, seq, received_s: None, arrival, line };
+        let packet = Packet { k, sd, seq, arrival, ..Packet::new(t_s, content, line) };
         self.block.shape.push(id, time, received, &packet, &mut self.block.words);
         Ok(())
     }

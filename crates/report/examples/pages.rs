@@ -64,19 +64,16 @@ fn fleet(points: usize) -> Result<String, String> {
                 .iter()
                 .enumerate()
                 .filter(|(k, _)| k % (5 + i) != 0)
-                .map(|(k, p)| Packet {
-                    t_s: p.t_s,
-                    k: None,
-                    content: Content::Position([
-                        p.position_m[0].map(|x| x + 3.0 * ((k * 7919) % 13) as f64 / 13.0 - 1.5),
-                        p.position_m[1],
-                        None,
-                    ]),
-                    sd: None,
-                    seq: None,
-                    received_s: None,
-                    arrival: None,
-                    line: k as u64 + 1,
+                .map(|(k, p)| {
+                    Packet::new(
+                        p.t_s,
+                        Content::Position([
+                            p.position_m[0].map(|x| x + 3.0 * ((k * 7919) % 13) as f64 / 13.0 - 1.5),
+                            p.position_m[1],
+                            None,
+                        ]),
+                        k as u64 + 1,
+                    )
                 })
                 .collect(),
         })

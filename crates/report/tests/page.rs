@@ -120,14 +120,12 @@ fn linear_page_shows_states_and_breaks_lines_where_unobservable() {
         target: None,
         packets: (0..400)
             .map(|k| Packet {
-                t_s: k as f64,
                 k: Some(k),
-                content: Content::Linear { z: vec![(k % 4 != 0).then_some(1.0), Some(2.0)], u: vec![] },
-                sd: None,
-                seq: None,
-                received_s: None,
-                arrival: None,
-                line: k + 1,
+                ..Packet::new(
+                    k as f64,
+                    Content::Linear { z: vec![(k % 4 != 0).then_some(1.0), Some(2.0)], u: vec![] },
+                    k + 1,
+                )
             })
             .collect(),
     }];
@@ -170,16 +168,7 @@ fn page_of_a_hundred_thousand_rows_and_three_estimators_stays_below_three_megaby
             .points
             .iter()
             .enumerate()
-            .map(|(i, p)| Packet {
-                t_s: p.t_s,
-                k: None,
-                content: Content::Position(p.position_m),
-                sd: None,
-                seq: None,
-                received_s: None,
-                arrival: None,
-                line: i as u64 + 1,
-            })
+            .map(|(i, p)| Packet::new(p.t_s, Content::Position(p.position_m), i as u64 + 1))
             .collect(),
     }];
     let none = TargetPackets { target: None, packets: Vec::new() };

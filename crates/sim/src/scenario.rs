@@ -96,14 +96,8 @@ pub fn demo(seed: u64) -> Demo {
         }
         for (&anchor, value_m) in ids.iter().zip(ranges) {
             packets.push(Packet {
-                t_s: point.t_s,
-                k: None,
-                content: Content::Range { anchor, value_m },
-                sd: None,
                 seq: Some(round as u64),
-                received_s: None,
-                arrival: None,
-                line: packets.len() as u64 + 1,
+                ..Packet::new(point.t_s, Content::Range { anchor, value_m }, packets.len() as u64 + 1)
             });
         }
     }

@@ -91,8 +91,7 @@ impl World for Run<'_> {
     fn measure(&mut self, k: u64, t_s: f64, sensor: usize) -> f64 {
         self.advance(k, t_s);
         let content = Content::Range { anchor: sensor as AnchorId, value_m: 0.0 };
-        let packet =
-            Packet { t_s, k: None, content, sd: None, seq: None, received_s: None, arrival: None, line: k + 1 };
+        let packet = Packet::new(t_s, content, k + 1);
         let step = Step::new(k, Some(t_s), std::slice::from_ref(&packet));
         let noise = &mut self.noise;
         let values = self.simulator.measure(&step, &self.states[k as usize], &mut || StandardNormal.sample(noise));

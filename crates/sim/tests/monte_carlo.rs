@@ -174,16 +174,7 @@ fn delays_of_whole_intervals_arrive_at_their_instant() {
 
 #[test]
 fn replayed_recordings_keep_values_times_and_order_of_arrival() {
-    let row = |t_s: f64, anchor: u32| Packet {
-        t_s,
-        k: None,
-        content: Content::Range { anchor, value_m: t_s + f64::from(anchor) },
-        sd: None,
-        seq: None,
-        received_s: None,
-        arrival: None,
-        line: 1,
-    };
+    let row = |t_s: f64, anchor: u32| Packet::new(t_s, Content::Range { anchor, value_m: t_s + f64::from(anchor) }, 1);
     let packets: Vec<Packet> = (0..6).flat_map(|i| [row(0.1 * f64::from(i), 0), row(0.1 * f64::from(i), 1)]).collect();
     let recording = [TargetPackets { target: Some("T".to_owned()), packets: packets.clone() }];
     let trace = |received: bool, delay_s: f64| TracePacket { received, delay_s, copies: u32::from(received) };

@@ -303,7 +303,7 @@ fn foretells(estimator: &EstimatorSpec) -> bool {
 }
 
 fn packet(k: u64, t_s: f64, content: Content) -> Packet {
-    Packet { t_s, k: None, content, sd: None, seq: None, received_s: None, arrival: None, line: k + 1 }
+    Packet::new(t_s, content, k + 1)
 }
 
 /// Forecasts by a copy of the filter that is fed with what it expects to be measured.

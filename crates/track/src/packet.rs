@@ -122,6 +122,11 @@ impl Kind {
 pub type Source = (Kind, [Option<AnchorId>; 2]);
 
 impl Packet {
+    /// A packet that brings a time and what it says, and nothing else.
+    pub fn new(t_s: f64, content: Content, line: u64) -> Packet {
+        Packet { t_s, k: None, content, sd: None, seq: None, received_s: None, arrival: None, line }
+    }
+
     /// What measured it.
     pub fn source(&self) -> Source {
         (self.content.kind(), self.content.anchors())

@@ -452,14 +452,8 @@ mod tests {
         use crate::target::TargetPackets;
         let looked = |is_lost: fn(u64) -> bool| {
             let packets = (0..1000).filter(|k| !is_lost(*k)).map(|k| Packet {
-                t_s: 0.5 * k as f64,
-                k: None,
-                content: Content::Position([Some(0.0), Some(0.0), None]),
-                sd: None,
                 seq: Some(k),
-                received_s: None,
-                arrival: None,
-                line: k + 1,
+                ..Packet::new(0.5 * k as f64, Content::Position([Some(0.0), Some(0.0), None]), k + 1)
             });
             let target = TargetPackets { target: None, packets: packets.collect() };
             crate::survey::survey(&[target], &crate::anchors::Anchors::default())

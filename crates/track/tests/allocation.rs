@@ -122,7 +122,7 @@ fn imm() -> EstimatorSpec {
 }
 
 fn at(t_s: f64, content: Content) -> Packet {
-    Packet { t_s, k: None, content, sd: None, seq: None, received_s: None, arrival: None, line: 1 }
+    Packet::new(t_s, content, 1)
 }
 
 #[test]

@@ -54,7 +54,7 @@ fn packets(rng: &mut Pcg64, axes: usize, whole: bool) -> TargetPackets {
             }
             let sd = (!whole && uniform(rng) < 0.3).then(|| 0.3 + uniform(rng));
             let content = Content::Position(xyz);
-            Packet { t_s, k: None, content, sd, seq: None, received_s: None, arrival: None, line: i as u64 + 2 }
+            Packet { sd, ..Packet::new(t_s, content, i as u64 + 2) }
         })
         .collect();
     TargetPackets { target: None, packets }

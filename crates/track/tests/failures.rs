@@ -205,16 +205,7 @@ fn timed(rng: &mut Random, len: u64, ranges: bool) -> Vec<Owned> {
         .map(|k| {
             let t = 0.1 * k as f64;
             let (x, y) = (10.0 + 2.0 * t, 12.0 - t);
-            let at = |content| Packet {
-                t_s: t,
-                k: None,
-                content,
-                sd: None,
-                seq: None,
-                received_s: None,
-                arrival: None,
-                line: k + 1,
-            };
+            let at = |content| Packet::new(t, content, k + 1);
             let mut packets = Vec::new();
             if ranges {
                 for (anchor, (ax, ay)) in [(0.0, 0.0), (30.0, 0.0), (0.0, 30.0)].into_iter().enumerate() {

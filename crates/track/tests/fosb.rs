@@ -41,7 +41,7 @@ fn run(spec: &Spec, packets: &[Packet], mode: LaggedMode) -> Trail {
 }
 
 fn at(t_s: f64, place: [Option<f64>; 3], sd: Option<f64>) -> Packet {
-    Packet { t_s, k: None, content: Content::Position(place), sd, seq: None, received_s: None, arrival: None, line: 1 }
+    Packet { sd, ..Packet::new(t_s, Content::Position(place), 1) }
 }
 
 fn on_a_line(t_s: f64, x: f64) -> Packet {

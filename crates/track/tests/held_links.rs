@@ -308,7 +308,7 @@ fn moving(kind: Kind, estimator: EstimatorSpec, link: LinkSpec) -> Spec {
 }
 
 fn at(t_s: f64, content: Content) -> Packet {
-    Packet { t_s, k: None, content, sd: None, seq: None, received_s: None, arrival: None, line: 1 }
+    Packet::new(t_s, content, 1)
 }
 
 fn position(t_s: f64, x: f64, y: f64) -> Packet {

@@ -53,7 +53,7 @@ fn run(spec: &Spec, packets: &[Packet]) -> Trail {
 fn range(t_s: f64, x: [f64; 2], anchor: usize, noise_m: f64) -> Packet {
     let value_m = f64::hypot(x[0] - SITES[anchor][0], x[1] - SITES[anchor][1]) + noise_m;
     let content = Content::Range { anchor: anchor as u32, value_m };
-    Packet { t_s, k: None, content, sd: None, seq: None, received_s: None, arrival: None, line: 1 }
+    Packet::new(t_s, content, 1)
 }
 
 /// A target that draws its modes and its noise from the model, at irregular times: times, states `x y vx vy`, packets.
@@ -206,7 +206,7 @@ fn every_kinematic_model_has_modes() {
         let t_s = 0.3 * f64::from(k);
         let x = |phase: f64| Some(5.0 * (0.2 * t_s + phase).sin());
         let content = Content::Position([x(0.0), x(1.0), x(2.0)]);
-        Packet { t_s, k: None, content, sd: None, seq: None, received_s: None, arrival: None, line: 1 }
+        Packet::new(t_s, content, 1)
     };
     let packets: Vec<Packet> = (0..60).map(position).collect();
     for kind in ["random-walk", "constant-velocity", "constant-acceleration", "coordinated-turn"] {

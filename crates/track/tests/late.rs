@@ -83,7 +83,7 @@ fn linear_cases(rng: &mut Random, len: usize) -> Vec<Case> {
 }
 
 fn at(t_s: f64, content: Content, line: usize) -> Packet {
-    Packet { t_s, k: None, content, sd: None, seq: None, received_s: None, arrival: None, line: line as u64 }
+    Packet::new(t_s, content, line as u64)
 }
 
 /// Positions or ranges of a walk, a fifth of them lost; the instants of the ranges have up to three packets.

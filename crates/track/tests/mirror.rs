@@ -42,7 +42,7 @@ fn anchors(sites: &[[f64; 3]]) -> Anchors {
 }
 
 fn packet(t_s: f64, content: Content) -> Packet {
-    Packet { t_s, k: None, content, sd: None, seq: None, received_s: None, arrival: None, line: 1 }
+    Packet::new(t_s, content, 1)
 }
 
 /// Where the target is: a bent walk on one side of the line, 4 m and more from it; mirrored with `side` = −1.

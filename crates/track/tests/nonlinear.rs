@@ -39,16 +39,8 @@ fn distance(x: f64, y: f64, site: usize) -> f64 {
 type Ranges = (f64, Vec<(usize, f64)>);
 
 fn packets(run: &[Ranges]) -> TargetPackets {
-    let packet = |t_s: f64, anchor: usize, value_m: f64| Packet {
-        t_s,
-        k: None,
-        content: Content::Range { anchor: anchor as u32, value_m },
-        sd: None,
-        seq: None,
-        received_s: None,
-        arrival: None,
-        line: 1,
-    };
+    let packet =
+        |t_s: f64, anchor: usize, value_m: f64| Packet::new(t_s, Content::Range { anchor: anchor as u32, value_m }, 1);
     let packets = run.iter().flat_map(|(t, all)| all.iter().map(move |(a, v)| packet(*t, *a, *v))).collect();
     TargetPackets { target: None, packets }
 }

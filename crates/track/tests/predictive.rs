@@ -94,7 +94,7 @@ fn data(kinds: &[Kind], noise: f64, instants: usize, rng: &mut Random) -> Vec<Pa
                     _ => {}
                 }
                 let line = out.len() as u64 + 1;
-                out.push(Packet { t_s, k: None, content, sd: None, seq: None, received_s: None, arrival: None, line });
+                out.push(Packet::new(t_s, content, line));
             }
         }
         let dt = 0.1 + 0.4 * rng.uniform();

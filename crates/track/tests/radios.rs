@@ -184,16 +184,7 @@ fn walk(rng: &mut Random, kinds: &[Kind], height: Height, len: usize, lost: f64)
 }
 
 fn packets(run: &[Instant]) -> TargetPackets {
-    let packet = |t_s: f64, content: &Content| Packet {
-        t_s,
-        k: None,
-        content: content.clone(),
-        sd: None,
-        seq: None,
-        received_s: None,
-        arrival: None,
-        line: 1,
-    };
+    let packet = |t_s: f64, content: &Content| Packet::new(t_s, content.clone(), 1);
     TargetPackets { target: None, packets: run.iter().flat_map(|(t, all)| all.iter().map(|c| packet(*t, c))).collect() }
 }
 

@@ -61,16 +61,7 @@ fn ranges(path: &Path, seed: u128) -> Vec<Packet> {
         for (i, site) in SITES.iter().enumerate() {
             let value_m = ((x[0] - site[0]).powi(2) + (x[1] - site[1]).powi(2) + (1.0 - site[2]).powi(2)).sqrt();
             let content = Content::Range { anchor: i as u32, value_m: value_m + SD_M * normal(&mut rng) };
-            out.push(Packet {
-                t_s: *t_s,
-                k: None,
-                content,
-                sd: None,
-                seq: None,
-                received_s: None,
-                arrival: None,
-                line: 1,
-            });
+            out.push(Packet::new(*t_s, content, 1));
         }
     }
     out

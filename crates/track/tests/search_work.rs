@@ -58,16 +58,7 @@ fn start(seed: u128, off: impl Fn(usize, usize) -> f64) -> (usize, u64) {
             let noise: f64 = StandardNormal.sample(&mut rng);
             let value_m = (7.0 - site[0]).hypot(12.0 - site[1]) + off(k, anchor) + SD_M * noise;
             let content = Content::Range { anchor: anchor as u32, value_m };
-            Packet {
-                t_s: 0.1 * k as f64,
-                k: None,
-                content,
-                sd: None,
-                seq: None,
-                received_s: None,
-                arrival: None,
-                line: 1,
-            }
+            Packet::new(0.1 * k as f64, content, 1)
         };
         let packets: Vec<Packet> = SITES.iter().enumerate().map(ranged).collect();
         let found = filter.step(&Step::new(k as u64, Some(0.1 * k as f64), &packets), None).unwrap();

@@ -57,7 +57,7 @@ fn hall() -> GaussMarkovSpec {
 }
 
 fn packet(t_s: f64, content: Content) -> Packet {
-    Packet { t_s, k: None, content, sd: None, seq: None, received_s: None, arrival: None, line: 1 }
+    Packet::new(t_s, content, 1)
 }
 
 fn trail_of(spec: &Spec, packets: Vec<Packet>, mode: LaggedMode) -> Trail {

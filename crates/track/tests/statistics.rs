@@ -175,16 +175,7 @@ fn extended_filters_are_consistent_where_ranges_bend_little() {
                     let value_m = f64::hypot(x[0] - site[0], x[1] - site[1]) + sd * rng.normal();
                     let content = Content::Range { anchor: i as u32, value_m };
                     let t_s = dt * k as f64;
-                    table.push(Packet {
-                        t_s,
-                        k: None,
-                        content,
-                        sd: None,
-                        seq: None,
-                        received_s: None,
-                        arrival: None,
-                        line: 1,
-                    });
+                    table.push(Packet::new(t_s, content, 1));
                 }
             }
             states.push(x.clone());

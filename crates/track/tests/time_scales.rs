@@ -29,16 +29,9 @@ fn tracked(order: usize, times_s: &[f64], estimator: EstimatorSpec, lagged: Lagg
         anchors: None,
         side_m: None,
     };
-    let packet = |(i, t_s): (usize, &f64)| Packet {
-        t_s: *t_s,
-        k: None,
+    let packet = |(i, t_s): (usize, &f64)| {
         // Anything that is no straight line.
-        content: Content::Position([Some((i as f64).sin()), None, None]),
-        sd: None,
-        seq: None,
-        received_s: None,
-        arrival: None,
-        line: i as u64 + 2,
+        Packet::new(*t_s, Content::Position([Some((i as f64).sin()), None, None]), i as u64 + 2)
     };
     let packets = times_s.iter().enumerate().map(packet).collect();
     let target = TargetPackets { target: None, packets };

@@ -304,16 +304,7 @@ fn positions(kinematic: KinematicSpec, estimator: EstimatorSpec, sd: f64) -> Spe
 }
 
 fn position(t_s: f64, xyz: [Option<f64>; 3]) -> Packet {
-    Packet {
-        t_s,
-        k: None,
-        content: Content::Position(xyz),
-        sd: None,
-        seq: None,
-        received_s: None,
-        arrival: None,
-        line: 1,
-    }
+    Packet::new(t_s, Content::Position(xyz), 1)
 }
 
 #[test]

@@ -318,15 +318,9 @@ pub(crate) fn field(spec: &FieldSpec, rng: &mut Pcg64) -> Anchors {
 /// The packets of an instant before they say anything.
 fn templates(scenario: &Simulated, anchors: &Anchors, k: usize, x: &[f64]) -> Vec<Packet> {
     let t_s = k as f64 * scenario.interval_s;
-    let packet = |content: Content| Packet {
-        t_s,
-        k: matches!(content, Content::Linear { .. }).then_some(k as u64),
-        content,
-        sd: None,
-        seq: None,
-        received_s: None,
-        arrival: None,
-        line: k as u64 + 1,
+    let packet = |content: Content| {
+        let k_of_linear = matches!(content, Content::Linear { .. }).then_some(k as u64);
+        Packet { k: k_of_linear, ..Packet::new(t_s, content, k as u64 + 1) }
     };
     if let ModelSpec::Linear(linear) = &scenario.truth.model {
         let z = vec![Some(0.0); linear.base.c.rows];

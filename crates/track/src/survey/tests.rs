@@ -21,7 +21,7 @@ impl Chance {
 }
 
 fn packet(t_s: f64, content: Content) -> Packet {
-    Packet { t_s, k: None, content, sd: None, seq: None, received_s: None, arrival: None, line: 1 }
+    Packet::new(t_s, content, 1)
 }
 
 fn position(t_s: f64, x: f64, y: f64) -> Packet {

@@ -58,14 +58,5 @@ pub(super) fn unpacked(trail: &Trail, row: usize) -> Option<Vec<f64>> {
 
 /// One row of a linear run.
 pub(super) fn packet(k: usize, z: Vec<Option<f64>>, u: Vec<f64>) -> Packet {
-    Packet {
-        t_s: k as f64,
-        k: Some(k as u64),
-        content: Content::Linear { z, u },
-        sd: None,
-        seq: None,
-        received_s: None,
-        arrival: None,
-        line: k as u64 + 1,
-    }
+    Packet { k: Some(k as u64), ..Packet::new(k as f64, Content::Linear { z, u }, k as u64 + 1) }
 }

@@ -60,14 +60,8 @@ pub fn linear(run: &Run, declared: Declared) -> LinearSpec {
 
 pub fn packet(k: usize, z: &[Option<f64>], u: &[f64]) -> Packet {
     Packet {
-        t_s: k as f64,
         k: Some(k as u64),
-        content: Content::Linear { z: z.to_vec(), u: u.to_vec() },
-        sd: None,
-        seq: None,
-        received_s: None,
-        arrival: None,
-        line: k as u64 + 1,
+        ..Packet::new(k as f64, Content::Linear { z: z.to_vec(), u: u.to_vec() }, k as u64 + 1)
     }
 }
 
