@@ -170,6 +170,8 @@ pub fn lagged_sd(spec: &Spec, recordings: &[Recording], shift_s: &[f64]) -> Opti
 pub struct Honesty {
     /// Factor by which the 95 % ellipse must grow to hold 95 % of the known positions.
     pub scale: f64,
+    /// The same of the recording, or part of a lone one, where it holds least; 0 where none is long enough.
+    pub worst: f64,
     /// Share of the known positions inside the ellipse as claimed.
     pub coverage: f64,
     /// Number of errors that are as good as independent: the length of the recordings over the time that an error lasts.
@@ -181,11 +183,16 @@ pub type Case<'a> = (&'a Recording, Vec<(Spec, Vec<TargetTruth>)>);
 
 /// What known positions say of the claimed covariance; `None` where there is too little to tell.
 pub fn honesty(cases: &[Case<'_>], shift_s: &[f64]) -> Option<Honesty> {
-    let (mut ratios, mut independent) = (Vec::new(), 0.0);
+    let (mut ratios, mut independent, mut worst) = (Vec::new(), 0.0, 0.0_f64);
+    let of_95 = |ratios: &mut [f64]| {
+        ratios.sort_by(f64::total_cmp);
+        ratios[((ratios.len() - 1) as f64 * 0.95).round() as usize].sqrt()
+    };
     for (recording, parts) in cases {
+        let mut of_parts = vec![Vec::new(); parts.len()];
         for target in &recording.targets {
             let mut offsets: Vec<[f64; 2]> = Vec::new();
-            for (spec, truth) in parts {
+            for ((spec, truth), of_part) in parts.iter().zip(&mut of_parts) {
                 let spec = causal(spec);
                 let lone = recording.targets.len() == 1 && truth.len() == 1;
                 let Some(truth) = truth.iter().find(|t| lone || t.target == target.target) else { continue };
@@ -194,19 +201,24 @@ pub fn honesty(cases: &[Case<'_>], shift_s: &[f64]) -> Option<Honesty> {
                 let truth = [TargetTruth { target: trail.target.clone(), points: truth.points.clone() }];
                 let scored = judge(&spec, Kind::Filter, &[trail], &truth).ok()?;
                 let instants = &scored.targets.first()?.instants;
-                ratios.extend(instants.iter().filter_map(|i| i.nees.map(|n| n / chi_square_quantile(i.dof, 0.95))));
+                of_part.extend(instants.iter().filter_map(|i| i.nees.map(|n| n / chi_square_quantile(i.dof, 0.95))));
                 offsets.extend(instants.iter().filter_map(|i| i.offset_m));
             }
             independent += offsets.len() as f64 / lasting(&offsets);
+        }
+        for mut of_part in of_parts {
+            if of_part.len() >= LEAST_RATIOS {
+                worst = worst.max(of_95(&mut of_part));
+            }
+            ratios.append(&mut of_part);
         }
     }
     if ratios.len() < LEAST_RATIOS {
         return None;
     }
-    ratios.sort_by(f64::total_cmp);
-    let at = ratios[((ratios.len() - 1) as f64 * 0.95).round() as usize];
+    let scale = of_95(&mut ratios);
     let inside = ratios.iter().filter(|r| **r <= 1.0).count() as f64 / ratios.len() as f64;
-    Some(Honesty { scale: at.sqrt(), coverage: inside, independent })
+    Some(Honesty { scale, worst, coverage: inside, independent })
 }
 
 /// Fewer known positions than this say nothing of a 95 % ellipse.

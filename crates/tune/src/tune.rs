@@ -332,13 +332,14 @@ fn put(sensor: &mut SensorSpec, calibration: &Calibration) {
     }
 }
 
-/// Scales all noise, of motion and of sensors, so that the 95 % ellipse holds 95 % of known positions that sensors were not calibrated at, and
-/// a share more for what so few independent errors leave open: Student's quantile over the normal's. The gains, and so the trail, stay as
-/// they are.
+/// Scales all noise, of motion and of sensors, so that the 95 % ellipse holds 95 % of known positions that sensors were not calibrated at: a share
+/// more for what so few independent errors leave open, Student's quantile over the normal's, or as much as the recording asks for, or part of a lone
+/// one, where it holds least. The gains, and so the trail, stay as they are.
 fn widen(setting: &mut Setting, recordings: &[Recording]) -> Option<(f64, Honesty)> {
     let found = honesty(&held_out(&setting.spec, recordings), &setting.shift_s)?;
     let dof = (found.independent - 1.0).max(1.0);
-    let scale = (found.scale * student_quantile(dof, 0.975) / student_quantile(f64::INFINITY, 0.975)).clamp(0.5, 5.0);
+    let few = found.scale * student_quantile(dof, 0.975) / student_quantile(f64::INFINITY, 0.975);
+    let scale = few.max(found.worst).clamp(0.5, 5.0);
     let prior = match &mut setting.spec.model {
         ModelSpec::Kinematic(m) => {
             m.noise.iter_mut().for_each(|v| *v *= scale * scale);

@@ -93,10 +93,11 @@ fn header(tuned: &Tuned, from: &str) -> String {
         let _ = writeln!(
             out,
             "# All standard deviations times {} at the end: {:.1} % of the known positions were inside the 95 % ellipse with the sensors\n\
-             # calibrated on the others, in errors of which {:.0} are independent.",
+             # calibrated on the others, in errors of which {:.0} are independent; where it held least it asked for {} times.",
             short(scale),
             100.0 * honesty.coverage,
-            honesty.independent
+            honesty.independent,
+            short(honesty.worst.max(honesty.scale))
         );
     }
     for tried in &tuned.structures {

@@ -1,5 +1,6 @@
 //! What is tuned on simulated recordings against the numbers they were made with.
 
+use fixtrail_sim::metrics::{Kind, judge};
 use fixtrail_track::anchors::Anchors;
 use fixtrail_track::packet::{Content, Packet};
 use fixtrail_track::pipeline::track;
@@ -465,6 +466,25 @@ fn widths_are_those_of_errors_where_the_sensors_were_not_calibrated() {
     let (alike, apart) = (widened(0.0), widened(1.0));
     // What one recording says of the anchors is two metres off in the other, more than what the noise of both together makes room for.
     assert!(apart > 1.25 * alike && (0.7..1.3).contains(&alike), "{alike} {apart}");
+}
+
+#[test]
+fn widths_hold_in_the_recording_that_errs_most() {
+    let noisy = |sd: f64| {
+        move |chance: &mut Chance, anchor: usize, distance: f64| Content::Range {
+            anchor: anchor as u32,
+            value_m: distance + sd * chance.normal(),
+        }
+    };
+    let recordings = [recording(51, 120, 0.0, noisy(SD)), recording(52, 40, 0.0, noisy(4.0 * SD))];
+    let tuned = tune(&parsed(WRONG), &recordings, &NUMBERS, &|_| {}).unwrap();
+    let (scale, honesty) = tuned.honesty.unwrap();
+    assert!(scale >= honesty.worst && honesty.worst > 1.1 * honesty.scale, "{scale} {honesty:?}");
+    let spec = &tuned.spec;
+    let trail = track(spec, &recordings[1].anchors, &recordings[1].targets[0], LaggedMode::Own).unwrap();
+    let score = judge(spec, Kind::Filter, &[trail], &recordings[1].truth).unwrap();
+    let coverage = score.overall.coverage95.unwrap();
+    assert!((0.93..0.99).contains(&coverage), "{coverage}");
 }
 
 #[test]
