@@ -4,7 +4,7 @@
 //! and go back over `L` measurements and intervals, as [`smooth`](super::smooth()) says. Nothing is inverted, and nothing of the way back is kept.
 
 use super::chain::Drift;
-use super::smoother::{Adjoint, Past};
+use super::smoother::{Adjoint, Taken};
 use super::{Chain, Leap};
 
 /// A filter that remembers `L` steps, and the smoothed state `L` steps before the newest.
@@ -29,7 +29,7 @@ struct Step<const N: usize> {
     drift: Drift<f64, N>,
     /// The mean after it.
     mean: [f64; N],
-    past: Past<N>,
+    taken: Taken<N>,
     /// Innovation over its variance.
     pull: f64,
 }
@@ -38,7 +38,7 @@ impl<const N: usize, const L: usize> FixedLag<N, L> {
     /// Starts before the first interval.
     pub fn new(start: &Chain<f64, N>) -> Self {
         const { assert!(L > 0, "a lag of no steps is the filter") };
-        let empty = Step { drift: Leap::new(0.0, 0.0).drift, mean: [0.0; N], past: Past::EMPTY, pull: 0.0 };
+        let empty = Step { drift: Leap::new(0.0, 0.0).drift, mean: [0.0; N], taken: Taken::EMPTY, pull: 0.0 };
         FixedLag { belief: *start, lagged: *start, steps: [empty; L], head: 0, len: 0 }
     }
 
@@ -46,15 +46,15 @@ impl<const N: usize, const L: usize> FixedLag<N, L> {
     #[inline(always)]
     pub fn push(&mut self, leap: &Leap<f64, N>, var: f64, z: f64) {
         let prior = self.belief.predict(leap);
-        let (past, mean) = Past::of(&prior, var, z);
+        let (taken, mean) = Taken::of(&prior, var, z);
         let step = &mut self.steps[self.head];
         if self.len == L {
-            self.lagged = Chain { mean: step.mean, cov: step.past.cov };
+            self.lagged = Chain { mean: step.mean, cov: step.taken.cov };
         } else {
             self.len += 1;
         }
-        self.belief = Chain { mean, cov: past.cov };
-        *step = Step { drift: leap.drift, mean, past, pull: past.pull(prior.mean[0], z) };
+        self.belief = Chain { mean, cov: taken.cov };
+        *step = Step { drift: leap.drift, mean, taken, pull: taken.pull(prior.mean[0], z) };
         self.head = if self.head + 1 == L { 0 } else { self.head + 1 };
     }
 
@@ -71,7 +71,7 @@ impl<const N: usize, const L: usize> FixedLag<N, L> {
         }
         let mut lambda = [0.0; N];
         for step in self.newest_first() {
-            lambda = step.drift.back(&step.past.before_mean(&lambda, step.pull));
+            lambda = step.drift.back(&step.taken.before_mean(&lambda, step.pull));
         }
         Some(Adjoint { lambda, big: [[0.0; N]; N] }.mean(&self.lagged))
     }
@@ -84,7 +84,7 @@ impl<const N: usize, const L: usize> FixedLag<N, L> {
         }
         let mut adjoint = Adjoint::NONE;
         for step in self.newest_first() {
-            adjoint = adjoint.over(&step.past, step.pull).earlier(&step.drift);
+            adjoint = adjoint.over(&step.taken, step.pull).earlier(&step.drift);
         }
         Some(adjoint.correct(&self.lagged).1)
     }

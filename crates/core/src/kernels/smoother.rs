@@ -18,29 +18,25 @@ use super::packed::at;
 use super::steady::{Cycle, LONGEST_CYCLE};
 use super::{Chain, Leap};
 
-/// What the way back needs of one step besides its mean.
+/// A measurement as the way back needs it, besides the mean after it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Past<const N: usize> {
+pub(super) struct Taken<const N: usize> {
     /// Covariance after the measurement, upper triangle.
     pub(super) cov: [[f64; N]; N],
     gain: [f64; N],
     /// One over the innovation variance; 0 of a lost measurement.
     weight: f64,
-    /// How many steps follow that are like this one and those before it in a cycle of `period`, in turn.
-    kept: usize,
-    period: usize,
 }
 
-impl<const N: usize> Past<N> {
-    /// Room for a step.
-    pub const EMPTY: Past<N> = Past { cov: [[0.0; N]; N], gain: [0.0; N], weight: 0.0, kept: 0, period: 0 };
+impl<const N: usize> Taken<N> {
+    pub(super) const EMPTY: Taken<N> = Taken { cov: [[0.0; N]; N], gain: [0.0; N], weight: 0.0 };
 
-    /// A step from its prediction and measurement (NaN: lost), and the mean after it.
+    /// A measurement (NaN: lost) of what was predicted, and the mean after it.
     #[inline(always)]
     pub(super) fn of(prior: &Chain<f64, N>, var: f64, z: f64) -> (Self, [f64; N]) {
         let (Chain { mean, cov }, gain) = prior.update(z, var);
         let weight = if z.is_nan() { 0.0 } else { 1.0 / (prior.cov[0][0] + var) };
-        (Past { cov, gain, weight, kept: 0, period: 0 }, mean)
+        (Taken { cov, gain, weight }, mean)
     }
 
     /// Innovation of a measurement (NaN: lost) at the predicted position over its variance.
@@ -61,6 +57,20 @@ impl<const N: usize> Past<N> {
         out[0] -= sum;
         out
     }
+}
+
+/// What the way back needs of one step besides its mean, and how many steps are like it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Past<const N: usize> {
+    taken: Taken<N>,
+    /// How many steps follow that are like this one and those before it in a cycle of `period`, in turn.
+    kept: usize,
+    period: usize,
+}
+
+impl<const N: usize> Past<N> {
+    /// Room for a step.
+    pub const EMPTY: Past<N> = Past { taken: Taken::EMPTY, kept: 0, period: 0 };
 }
 
 /// Smooths a series: each step predicts, then takes one of `z` (NaN: lost); `out` gets the mean of every step given all of `z`. `past` is room
@@ -96,13 +106,13 @@ pub fn smooth_with<const N: usize>(
     let mut steps = Backward::from(&past[..left]);
     let mut adjoint = Adjoint::NONE;
     for k in (0..count).rev() {
-        let past = steps.step();
+        let taken = steps.step();
         let before = if k > 0 { &out[k - 1] } else { &start.mean };
-        let pull = past.pull(leap.moved(before)[0], z[k]);
-        let (mean, cov) = adjoint.correct(&Chain { mean: out[k], cov: past.cov });
+        let pull = taken.pull(leap.moved(before)[0], z[k]);
+        let (mean, cov) = adjoint.correct(&Chain { mean: out[k], cov: taken.cov });
         out[k] = mean;
         covariance(k, &cov);
-        adjoint = adjoint.over(past, pull).earlier(&leap.drift);
+        adjoint = adjoint.over(taken, pull).earlier(&leap.drift);
     }
 }
 
@@ -126,17 +136,17 @@ impl<'a, const N: usize> Backward<'a, N> {
 
     /// The next. There must be one.
     #[inline(always)]
-    fn step(&mut self) -> &'a Past<N> {
+    fn step(&mut self) -> &'a Taken<N> {
         let last = self.left.len() - 1;
         let past = &self.left[last];
         if self.kept == 0 {
             *self = Backward::from(&self.left[..last]);
-            return past;
+            return &past.taken;
         }
         let like = &self.left[last + 1 - past.period + self.at];
         self.kept -= 1;
         self.at = if self.at == 0 { past.period - 1 } else { self.at - 1 };
-        like
+        &like.taken
     }
 }
 
@@ -156,9 +166,9 @@ fn forward<const N: usize>(
         let mut cycle = Cycle::new(&belief.cov);
         let mut period = None;
         while k < z.len() && period.is_none() {
-            let (step, mean) = Past::of(&belief.predict(leap), var, z[k]);
-            (past[left], out[k]) = (step, mean);
-            belief = Chain { mean, cov: step.cov };
+            let (taken, mean) = Taken::of(&belief.predict(leap), var, z[k]);
+            (past[left], out[k]) = (Past { taken, kept: 0, period: 0 }, mean);
+            belief = Chain { mean, cov: taken.cov };
             (left, k) = (left + 1, k + 1);
             if z[k - 1].is_nan() {
                 break;
@@ -168,14 +178,14 @@ fn forward<const N: usize>(
         let Some(period) = period else { continue };
         let mut gains = [[0.0; N]; LONGEST_CYCLE];
         for (gain, step) in gains.iter_mut().zip(&past[left - period..left]) {
-            *gain = step.gain;
+            *gain = step.taken.gain;
         }
         let kept = leap.keep(&gains[..period], &mut belief.mean, &z[k..], &mut out[k..]);
         (past[left - 1].kept, past[left - 1].period) = (kept, period);
         k += kept;
         // Within the cycle the covariance has gone on by the steps taken of it.
         if !kept.is_multiple_of(period) {
-            belief.cov = past[left - period + kept % period - 1].cov;
+            belief.cov = past[left - period + kept % period - 1].taken.cov;
         }
     }
     left
@@ -229,11 +239,11 @@ impl<const N: usize> Adjoint<N> {
 
     /// Back over a measurement.
     #[inline(always)]
-    pub(super) fn over(&self, past: &Past<N>, pull: f64) -> Self {
-        let gain = &past.gain;
-        let mut out = Adjoint { lambda: past.before_mean(&self.lambda, pull), big: self.big };
+    pub(super) fn over(&self, taken: &Taken<N>, pull: f64) -> Self {
+        let gain = &taken.gain;
+        let mut out = Adjoint { lambda: taken.before_mean(&self.lambda, pull), big: self.big };
         // With t = Λ K the first row of Λ loses t, and its corner twice t_0 less K · t.
-        let mut corner = past.weight;
+        let mut corner = taken.weight;
         for j in 0..N {
             let mut t = 0.0;
             for a in 0..N {
@@ -270,15 +280,15 @@ mod tests {
         let mut steps = Vec::new();
         for z in z {
             let prior = belief.predict(leap);
-            let (past, mean) = Past::of(&prior, var, *z);
-            belief = Chain { mean, cov: past.cov };
-            steps.push((past, mean, past.pull(prior.mean[0], *z)));
+            let (taken, mean) = Taken::of(&prior, var, *z);
+            belief = Chain { mean, cov: taken.cov };
+            steps.push((taken, mean, taken.pull(prior.mean[0], *z)));
         }
         let mut adjoint = Adjoint::NONE;
         let mut out = Vec::new();
-        for (past, mean, pull) in steps.iter().rev() {
-            out.push(adjoint.correct(&Chain { mean: *mean, cov: past.cov }).0.map(f64::to_bits));
-            adjoint = adjoint.over(past, *pull).earlier(&leap.drift);
+        for (taken, mean, pull) in steps.iter().rev() {
+            out.push(adjoint.correct(&Chain { mean: *mean, cov: taken.cov }).0.map(f64::to_bits));
+            adjoint = adjoint.over(taken, *pull).earlier(&leap.drift);
         }
         out.reverse();
         out
