@@ -117,7 +117,7 @@ impl Arguments {
         ];
         let causes: Vec<&str> = flags.into_iter().filter_map(|(name, is_set)| is_set.then_some(name)).collect();
         say(format_args!(
-            "{}: {:.1} GB are kept in memory, several times over, for {}; `-c SPEC` alone takes a file of any size",
+            "{}: {:.1} GB are kept in memory, where a table of text takes about twenty times that, for {}; `-c SPEC` alone takes a file of any size",
             path.display(),
             bytes as f64 * 1e-9,
             causes.join(" and "),
